@@ -1,0 +1,72 @@
+"""The program: collects the commands, turns the project's errors into one line and exit code 1."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import sys
+from typing import Annotated
+
+import typer
+from typer.core import TyperGroup
+
+import dlwpredict
+from dlwpredict.cli.console import with_verbosity
+from dlwpredict.errors import InputError
+
+COMMAND_ORDER = "design convert align predict score calibrate precompensate export-stl diagnose effects batch report".split()
+
+
+class _Program(TyperGroup):
+    """List commands in the order of the work; report the project's errors in one line."""
+
+    def list_commands(self, ctx) -> list[str]:
+        return sorted(super().list_commands(ctx), key=lambda name: (*COMMAND_ORDER, name).index(name))
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(1) from None
+
+
+app = typer.Typer(
+    cls=_Program,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=True,
+    help="Predict, calibrate, correct and diagnose prints made by multi-photon lithography.",
+)
+
+
+def _show_version(value: bool) -> None:
+    if value:
+        typer.echo(dlwpredict.__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    """Predict, calibrate, correct and diagnose prints made by multi-photon lithography."""
+
+
+def _register() -> None:
+    """Add every module of this package that defines COMMAND and `run` (a new command is one new file)."""
+    for found in pkgutil.iter_modules(sys.modules[__package__].__path__):
+        if found.name not in ("app", "console", "options"):
+            module = importlib.import_module(f"{__package__}.{found.name}")
+            app.command(module.COMMAND)(with_verbosity(module.run))
+
+
+_register()
+
+
+def main() -> None:
+    """Run the program."""
+    app()

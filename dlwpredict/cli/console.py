@@ -1,0 +1,62 @@
+"""What the program says: one line per result on stdout, details on request, progress on a terminal only."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+_QUIET, _NORMAL, _VERBOSE = range(3)
+_level = _NORMAL
+
+
+def say(text: str) -> None:
+    """Print a result line, unless ``--quiet``."""
+    if _level >= _NORMAL:
+        typer.echo(text)
+
+
+def detail(text: str) -> None:
+    """Print a line that only ``--verbose`` shows."""
+    if _level >= _VERBOSE:
+        typer.echo(text, err=True)
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr, also with ``--quiet``."""
+    typer.echo(f"warning: {text}", err=True)
+
+
+def progress_shown() -> bool:
+    """Tell whether progress bars make sense: stderr is a terminal and the user did not ask for quiet."""
+    return _level >= _NORMAL and sys.stderr.isatty()
+
+
+def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options ``--verbose`` and ``--quiet``, which every command has."""
+
+    @functools.wraps(run)
+    def wrapped(*args, verbose: bool, quiet: bool, **kwargs):
+        global _level
+        if verbose and quiet:
+            raise typer.BadParameter("--verbose and --quiet exclude each other")
+        _level = _VERBOSE if verbose else _QUIET if quiet else _NORMAL
+        return run(*args, **kwargs)
+
+    signature = inspect.signature(run, eval_str=True)
+    extra = [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option]
+        )
+        for name, option in (
+            ("verbose", typer.Option("--verbose", help="Say more about each step.")),
+            ("quiet", typer.Option("--quiet", help="Say nothing but warnings and errors.")),
+        )
+    ]
+    wrapped.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *extra])
+    wrapped.__annotations__ = {p.name: p.annotation for p in wrapped.__signature__.parameters.values()}
+    return wrapped
