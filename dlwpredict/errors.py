@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class InputError(ValueError):
     """Something the user gave is at fault: a file, a key in it, or a value.
@@ -36,8 +39,17 @@ class InputError(ValueError):
 
     def at(self, where: object) -> InputError:
         """Return the same error with the file named, unless one is named already."""
-        return InputError(self.what, where=self.where or str(where), key=self.key, allowed=self.allowed)
+        return type(self)(self.what, where=self.where or str(where), key=self.key, allowed=self.allowed)
 
 
 class ResultError(InputError):
     """The input is well-formed but no trustworthy result exists (no match, no measured points ...)."""
+
+
+@contextmanager
+def blaming(where: object) -> Iterator[None]:
+    """Name the file in every `InputError` that leaves this block without one."""
+    try:
+        yield
+    except InputError as error:
+        raise error.at(where).with_traceback(error.__traceback__) from None

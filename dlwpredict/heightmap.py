@@ -68,18 +68,14 @@ class HeightMap:
         for name in ("dx_um", "dy_um"):
             pitch = float(getattr(self, name))
             if not (np.isfinite(pitch) and pitch > 0):
-                raise InputError(
-                    f"pitch {name} = {pitch:g}", key="pitch", allowed="allowed: a positive number of µm"
-                )
+                raise InputError(f"pitch {name} = {pitch:g}", key="pitch", allowed="allowed: a positive number of µm")
             object.__setattr__(self, name, pitch)
         heights.setflags(write=False)
         object.__setattr__(self, "heights_um", heights)
         if self.filled is not None:
             filled = np.array(self.filled, dtype=bool)
             if filled.shape != heights.shape:
-                raise InputError(
-                    f"mask of shape {filled.shape} on heights of shape {heights.shape}", key="filled"
-                )
+                raise InputError(f"mask of shape {filled.shape} on heights of shape {heights.shape}", key="filled")
             object.__setattr__(self, "filled", filled if filled.any() else None)
 
     @property
@@ -95,13 +91,13 @@ class HeightMap:
 
     @property
     def x_um(self) -> np.ndarray:
-        """x of every column from the map's centre, µm, shape (cols,)."""
+        """X of every column from the map's centre, µm, shape (cols,)."""
         cols = self.shape[1]
         return (np.arange(cols) - (cols - 1) / 2) * self.dx_um
 
     @property
     def y_um(self) -> np.ndarray:
-        """y of every row from the map's centre, upwards, µm, shape (rows,)."""
+        """Y of every row from the map's centre, upwards, µm, shape (rows,)."""
         rows = self.shape[0]
         return ((rows - 1) / 2 - np.arange(rows)) * self.dy_um
 
@@ -148,9 +144,7 @@ def require_same_grid(first: HeightMap, second: HeightMap, names: tuple[str, str
         Shape or pitch differ.
     """
     if not first.same_grid(second):
-        a, b = (
-            f"{m.shape[1]} x {m.shape[0]} px at {m.dx_um:.6g} x {m.dy_um:.6g} µm" for m in (first, second)
-        )
+        a, b = (f"{m.shape[1]} x {m.shape[0]} px at {m.dx_um:.6g} x {m.dy_um:.6g} µm" for m in (first, second))
         raise InputError(
             f"{b}, but {names[0]} has {a}",
             where=names[1],

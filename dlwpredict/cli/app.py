@@ -14,7 +14,20 @@ import dlwpredict
 from dlwpredict.cli.console import with_verbosity
 from dlwpredict.errors import InputError
 
-COMMAND_ORDER = "design convert align predict score calibrate precompensate export-stl diagnose effects batch report".split()
+COMMAND_ORDER = [
+    "design",
+    "convert",
+    "align",
+    "predict",
+    "score",
+    "calibrate",
+    "precompensate",
+    "export-stl",
+    "diagnose",
+    "effects",
+    "batch",
+    "report",
+]
 
 
 class _Program(TyperGroup):

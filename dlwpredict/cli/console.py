@@ -49,9 +49,7 @@ def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
 
     signature = inspect.signature(run, eval_str=True)
     extra = [
-        inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option]
-        )
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option])
         for name, option in (
             ("verbose", typer.Option("--verbose", help="Say more about each step.")),
             ("quiet", typer.Option("--quiet", help="Say nothing but warnings and errors.")),

@@ -29,9 +29,7 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
     wanted = [path for path in paths if path is not None]
     for path in wanted:
         if not path.parent.is_dir():
-            raise InputError(
-                "folder does not exist", where=path, key="output", allowed=f"create {path.parent} first"
-            )
+            raise InputError("folder does not exist", where=path, key="output", allowed=f"create {path.parent} first")
         if path.is_dir():
             raise InputError("is a folder", where=path, key="output", allowed="give a file name")
         if path.exists() and not overwrite:

@@ -1,0 +1,63 @@
+"""``dlwpredict predict``: the printed surface of a target."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dlwpredict.cli import options
+from dlwpredict.cli.console import detail, say
+from dlwpredict.errors import InputError, blaming
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.parameters_yaml import read_parameters
+from dlwpredict.model.levels import Levels
+from dlwpredict.model.voxels import Voxels
+from dlwpredict.process import predict
+
+COMMAND = "predict"
+
+
+class Method(StrEnum):
+    """How to compute."""
+
+    fast = "fast"
+    voxel = "voxel"
+
+
+def run(
+    target: Annotated[Path, typer.Argument(help="Height map to be written.", show_default=False)],
+    output: options.Output,
+    parameters: options.Parameters = None,
+    method: Annotated[Method, typer.Option(help="Smooth levels, or the paper's voxels.")] = Method.fast,
+    slice_um: Annotated[
+        float | None, typer.Option(help="Height of a voxel; the slicing of the parameter file, or 0.1.")
+    ] = None,
+    memory_mb: Annotated[float, typer.Option(help="Memory for the stacks of the voxel method.", min=10)] = 600.0,
+    as_measured: Annotated[
+        bool,
+        typer.Option("--as-measured", help="Add the measurement effects: what the instrument would show."),
+    ] = False,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Predict the printed surface of a target.
+
+    $ dlwpredict predict target.tif -p process.yaml -o predicted.tif
+    """
+    options.check_outputs(output, overwrite=overwrite)
+    process = read_parameters(parameters)
+    part = read_height_map(target)
+    if method is Method.voxel:
+        slice_um = process.writing.slicing_um or 0.1 if slice_um is None else slice_um
+        if not 0.001 <= slice_um <= 5:
+            raise InputError(f"found {slice_um:g}", key="--slice-um", allowed="allowed 0.001 to 5 µm")
+        numerics = Voxels(slice_um, memory_mb)
+    else:
+        numerics = Levels()
+    detail(f"target: {part.summary()}")
+    with blaming(target):
+        printed = predict(part, process, numerics=numerics, as_measured=as_measured)
+    write_height_map(output, printed)
+    say(f"{output}: {printed.summary()}")

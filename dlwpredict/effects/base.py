@@ -1,0 +1,121 @@
+"""What every effect knows of itself, and the few ways in which an effect can act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.states import Crosslinked, Dose, Focus
+from dlwpredict.parameters import check_range, declarations, declare
+
+Side = Literal["print", "measurement"]
+Frame = Literal["printer", "sample", "instrument"]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A piece of physics beside the paper's: a frozen step with declared parameters.
+
+    Every parameter is declared on its field; at the defaults the effect is the identity. A subclass names itself in the
+    class variables and is found by being a file in this folder.
+    """
+
+    name: ClassVar[str]
+    meaning: ClassVar[str]
+    side: ClassVar[Side] = "print"
+    frame: ClassVar[Frame]
+    stage: ClassVar[str]
+    source: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for name, (_, declaration) in declarations(self).items():
+            check_range(f"{self.name}.{name}", getattr(self, name), declaration)
+
+
+@dataclass(frozen=True)
+class MapEffect(Effect):
+    """An effect on a height map: of the target, of the printed surface, or of the recording."""
+
+    def __call__(self, state: HeightMap) -> HeightMap:
+        """Return the changed map."""
+        return state.with_heights(self.heights(state))
+
+    def heights(self, state: HeightMap) -> np.ndarray:
+        """Return the changed heights, µm, shape (rows, cols)."""
+        raise TypeError(f"{type(self).__name__} has no formula")
+
+
+@dataclass(frozen=True)
+class DoseEffect(Effect):
+    """An effect on the local focus intensity, D(x, y, z); 1 = nominal.
+
+    It acts through two channels: the threshold (exposure · Dᴺ ≥ P) and, as far as the resin's η lets it, the degree
+    of conversion.
+    """
+
+    stage: ClassVar[str] = "dose"
+    conversion: float = declare(0.0, "1", 0.0, 1.0, "eta: share of the dose change that reaches cross-linking")
+
+    def __call__(self, state: Dose) -> Dose:
+        """Return the dose with this intensity as one more factor; η belongs to the resin and is shared."""
+        at = partial(self.intensity, state.written)
+        return replace(state, intensity=(*state.intensity, at), conversion=max(state.conversion, self.conversion))
+
+    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+        """Return D over the plane at height z, shape (rows, cols)."""
+        raise TypeError(f"{type(self).__name__} has no formula")
+
+
+@dataclass(frozen=True)
+class ThresholdEffect(Effect):
+    """An effect on the local polymerisation threshold."""
+
+    stage: ClassVar[str] = "dose"
+
+    def __call__(self, state: Dose) -> Dose:
+        """Return the dose with one more factor on the threshold."""
+        return replace(state, threshold_factor=(*state.threshold_factor, partial(self.factor, state.written)))
+
+    def factor(self, written: HeightMap, z_um: float) -> np.ndarray:
+        """Return the factor on P over the plane at height z, shape (rows, cols)."""
+        raise TypeError(f"{type(self).__name__} has no formula")
+
+
+@dataclass(frozen=True)
+class FocusEffect(Effect):
+    """An effect on the shape of the focus."""
+
+    stage: ClassVar[str] = "dose"
+
+    def __call__(self, state: Dose) -> Dose:
+        """Return the dose with every part of the focus reshaped."""
+        return replace(state, focus=tuple(new for part in state.focus for new in self.reshape(part)))
+
+    def reshape(self, part: Focus) -> tuple[Focus, ...]:
+        """Return what becomes of one part of the focus; the weights keep their sum."""
+        raise TypeError(f"{type(self).__name__} has no formula")
+
+
+@dataclass(frozen=True)
+class CurveEffect(Effect):
+    """An effect on how shrinkage answers to cross-linking."""
+
+    stage: ClassVar[str] = "crosslink"
+
+    def __call__(self, state: Crosslinked) -> Crosslinked:
+        """Return the state with one more curve."""
+        return state.with_curve(self.curve)
+
+    def curve(self, crosslinking: np.ndarray) -> np.ndarray:
+        """Return u' for normalised cross-linking u in 0–1."""
+        raise TypeError(f"{type(self).__name__} has no formula")
+
+
+def settings(effect: Effect) -> dict[str, Any]:
+    """Return the declared parameters of an effect and their values."""
+    return {name: getattr(effect, name) for name in declarations(effect)}

@@ -1,0 +1,78 @@
+"""Plain YAML: read without tags or repeated keys, written so that every float reads back as a float."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dlwpredict.errors import InputError
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Refuse repeated keys, which YAML parsers otherwise resolve silently."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise InputError("given twice", key=str(key), allowed="each key once")
+        return super().construct_mapping(node, deep)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Write floats with a point, short lists in one line."""
+
+
+def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    text = repr(float(value))
+    if "e" in text and "." not in text:
+        text = text.replace("e", ".0e")
+    text = {"inf": ".inf", "-inf": "-.inf", "nan": ".nan"}.get(text, text)
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
+
+
+def _list(dumper: yaml.SafeDumper, value: list) -> yaml.SequenceNode:
+    plain = all(isinstance(item, (int, float, str)) for item in value)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=plain)
+
+
+for kind in (float, np.float64, np.float32):
+    _PlainDumper.add_representer(kind, _float)
+for kind in (list, tuple):
+    _PlainDumper.add_representer(kind, _list)
+_PlainDumper.add_multi_representer(np.integer, lambda dumper, value: dumper.represent_int(int(value)))
+_PlainDumper.add_multi_representer(np.bool_, lambda dumper, value: dumper.represent_bool(bool(value)))
+_PlainDumper.ignore_aliases = lambda self, data: True
+
+
+def read_yaml(path: Path | str) -> Any:
+    """Read a YAML file of plain values.
+
+    Raises
+    ------
+    InputError
+        Not readable, not YAML, with tags (such as Python objects), or with a key given twice.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot read ({error.strerror})", where=path, key="file") from None
+    except UnicodeDecodeError:
+        raise InputError("not a text file", where=path, key="file", allowed="YAML in UTF-8") from None
+    try:
+        return yaml.load(text, Loader=_PlainLoader)  # noqa: S506 (a safe loader)
+    except InputError as error:
+        raise error.at(path) from None
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" in line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or type(error).__name__
+        raise InputError(f"not plain YAML{line} ({problem})", where=path, key="file", allowed="no tags") from None
+
+
+def yaml_text(content: Any) -> str:
+    """Return the YAML text of plain values, keys in the given order."""
+    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, width=110)

@@ -1,0 +1,160 @@
+"""The states a print passes through: what each stage of the chain hands to the next.
+
+``target → dose → exposed → crosslink → height → surface → recording``
+
+The target, height, surface and recording stages are height maps. The dose and cross-linking stages are stacks over
+z; a step describes its change one level at a time (values and z in, values out) and so serves the
+few smooth levels of the fast method as well as the many slices of the voxels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, blur_turned
+
+STAGES = ("target", "dose", "exposed", "crosslink", "height", "surface", "recording")
+
+PlaneAt = Callable[[float], np.ndarray]
+"""A function of z in µm that returns a plane (rows, cols)."""
+
+
+@dataclass(frozen=True)
+class Focus:
+    """One Gaussian part of the focus.
+
+    Parameters
+    ----------
+    weight : float
+        Share of the whole focus; the weights of a focus sum to 1.
+    fwhm_x_um, fwhm_y_um : float
+        Lateral FWHMs along the principal axes, µm.
+    fwhm_z_um : float
+        Axial FWHM at the substrate, µm.
+    angle_deg : float
+        Turn of the principal axes, counter-clockwise.
+    broadening_per_um : float
+        Relative growth of the axial FWHM per µm of height.
+    """
+
+    weight: float
+    fwhm_x_um: float
+    fwhm_y_um: float
+    fwhm_z_um: float
+    angle_deg: float = 0.0
+    broadening_per_um: float = 0.0
+
+    def sigma_z_um(self, z_um: float) -> float:
+        """Axial standard deviation at height z, µm."""
+        return self.fwhm_z_um / FWHM_PER_SIGMA * max(1 + self.broadening_per_um * z_um, 0.05)
+
+    def spread(self, plane: np.ndarray, dx_um: float, dy_um: float) -> np.ndarray:
+        """Convolve a plane with the lateral shape of this part of the focus."""
+        sx, sy = self.fwhm_x_um / FWHM_PER_SIGMA / dx_um, self.fwhm_y_um / FWHM_PER_SIGMA / dy_um
+        if self.angle_deg % 180 == 0:
+            return blur(plane, sy, sx)
+        turn = np.deg2rad(self.angle_deg)
+        axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        widths = np.diag([self.fwhm_x_um**2, self.fwhm_y_um**2]) / FWHM_PER_SIGMA**2
+        per_pixel = np.diag([1 / dx_um, 1 / dy_um])
+        return blur_turned(plane, per_pixel @ axes @ widths @ axes.T @ per_pixel)
+
+
+@dataclass(frozen=True)
+class Dose:
+    """What the writer exposes: the written target, the focus, and how the local dose differs from nominal.
+
+    Parameters
+    ----------
+    written : HeightMap
+        Heights told to the writer, already with room around the part.
+    focus : tuple of Focus
+    numerics : Numerics
+    intensity : tuple of functions z → plane
+        Relative focus intensities D(x, y, z), 1 = nominal; they multiply, and the dose follows Dᴺ.
+    threshold_factor : tuple of functions z → plane
+        Factors on the threshold; they multiply.
+    conversion : float
+        η, 0–1: how much of the dose's change reaches the degree of cross-linking.
+    photon_order : float
+        N, the order of absorption.
+    """
+
+    written: HeightMap
+    focus: tuple[Focus, ...]
+    numerics: Numerics
+    intensity: tuple[PlaneAt, ...] = ()
+    threshold_factor: tuple[PlaneAt, ...] = ()
+    conversion: float = 0.0
+    photon_order: float = 2.0
+
+    def relative_dose(self, z_um: float) -> np.ndarray | float:
+        """Dᴺ at one level, 1 = nominal."""
+        return np.prod([at(z_um) for at in self.intensity], axis=0) ** self.photon_order if self.intensity else 1.0
+
+    def relative_threshold(self, z_um: float) -> np.ndarray | float:
+        """Return the factor on the threshold at one level, divided by the relative dose there."""
+        factor = np.prod([at(z_um) for at in self.threshold_factor], axis=0) if self.threshold_factor else 1.0
+        return factor / self.relative_dose(z_um)
+
+    def source_weight(self, z_um: float) -> np.ndarray | float:
+        """1 + η(Dᴺ − 1): cross-linking started per exposed volume at one level, 1 = nominal."""
+        return 1 + self.conversion * (self.relative_dose(z_um) - 1)
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """Resin above the threshold.
+
+    Parameters
+    ----------
+    surface : HeightMap
+        Exposed height per column, µm.
+    dose : Dose
+    solid : numpy.ndarray, optional
+        Packed voxels (voxel method only).
+    """
+
+    surface: HeightMap
+    dose: Dose
+    solid: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Crosslinked:
+    """Cross-linking of the exposed resin, and how shrinkage answers to it.
+
+    Parameters
+    ----------
+    exposed : Exposed
+    fwhm_xy_um, fwhm_z_um : float
+        FWHMs of the cross-linking Gaussian, µm.
+    curves : tuple of functions u → u'
+        Applied in turn to the normalised cross-linking u (0–1) before it is mapped to κ.
+    """
+
+    exposed: Exposed
+    fwhm_xy_um: float
+    fwhm_z_um: float
+    curves: tuple[Callable[[np.ndarray], np.ndarray], ...] = ()
+
+    def with_curve(self, curve: Callable[[np.ndarray], np.ndarray]) -> Crosslinked:
+        """Return the same state with one more curve."""
+        return replace(self, curves=(*self.curves, curve))
+
+
+class Numerics(Protocol):
+    """A way of computing: solves the threshold, and averages cross-linking over the exposed columns."""
+
+    def exposed(self, dose: Dose, threshold: float, reference: str) -> Exposed:
+        """Find the resin with exposure ≥ threshold."""
+        ...
+
+    def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
+        """Return the mean of the (curved) normalised cross-linking over each exposed column, shape (rows, cols)."""
+        ...

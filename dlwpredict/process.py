@@ -1,0 +1,112 @@
+"""A print is a list of steps: build the list from the parameters, run it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from dlwpredict.errors import InputError
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import Levels
+from dlwpredict.model.states import STAGES, Numerics
+from dlwpredict.model.steps import CrossLinking, Exposure, Shrinkage, Slicing, Threshold
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
+
+
+def steps(parameters: ParameterSet, numerics: Numerics, *, as_measured: bool = False) -> list[Any]:
+    """Write the process down as the list of its steps, in the order of their stages.
+
+    Each of the paper's steps opens its stage; the effects of that stage follow in the order of the file.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+    numerics : Numerics
+        The way of computing, `Levels` or `Voxels`.
+    as_measured : bool
+        Include the effects of the measurement.
+    """
+    p, readings = parameters.paper, parameters.readings
+    chain = [
+        Slicing(parameters.writing.slicing_um),
+        Exposure(p.exposure_fwhm_xy_um, p.exposure_fwhm_z_um, numerics),
+        Threshold(p.threshold, readings.threshold_reference),
+        CrossLinking(p.crosslink_fwhm_xy_um, p.crosslink_fwhm_z_um),
+        Shrinkage(p.shrinkage_min, p.shrinkage_max, readings.crosslink_reference),
+    ]
+    added = [effect for effect in parameters.effects if as_measured or effect.stage != "recording"]
+    return sorted([*chain, *added], key=lambda step: STAGES.index(step.stage))
+
+
+def run(chain: Iterable[Any], state: Any) -> Any:
+    """Let every step act in turn."""
+    for step in chain:
+        state = step(state)
+    return state
+
+
+def predict(
+    target: HeightMap,
+    parameters: ParameterSet,
+    *,
+    numerics: Numerics | None = None,
+    as_measured: bool = False,
+) -> HeightMap:
+    """Predict the printed surface of a target, or what an instrument would show of it.
+
+    Parameters
+    ----------
+    target : HeightMap
+        Heights to be written, ≥ 0, µm; 0 = nothing written. Around the map there is empty resin.
+    parameters : ParameterSet
+    numerics : Numerics, optional
+        Default: the fast levels.
+    as_measured : bool
+        Add the effects of the measurement.
+
+    Returns
+    -------
+    HeightMap
+        On the target's grid.
+
+    Raises
+    ------
+    InputError
+        The target has points not measured, negative heights, or nothing written.
+    """
+    check_target(target)
+    room = _room_px(target, parameters)
+    padded = target.with_heights(np.pad(target.heights_um, [(r, r) for r in room]))
+    printed = run(steps(parameters, numerics or Levels(), as_measured=as_measured), padded).heights_um
+    inner = tuple(slice(r, r + n) for r, n in zip(room, target.shape, strict=True))
+    return HeightMap(printed[inner], target.dx_um, target.dy_um)
+
+
+def check_target(target: HeightMap) -> None:
+    """Refuse a map that cannot be written.
+
+    Raises
+    ------
+    InputError
+        NaN, negative heights, or nothing written.
+    """
+    heights = target.heights_um
+    if np.isnan(heights).any():
+        raise InputError(
+            f"{np.isnan(heights).sum()} points without a height",
+            key="heights",
+            allowed="a target must be complete",
+        )
+    if heights.min() < 0:
+        raise InputError(f"lowest height {heights.min():.4g} µm", key="heights", allowed="a target must be at least 0")
+    if heights.max() == 0:
+        raise InputError("nothing written, every height is 0", key="heights", allowed="some height above 0")
+
+
+def _room_px(target: HeightMap, parameters: ParameterSet) -> list[int]:
+    """Return the rows and columns of empty resin to add on each side, so that exposure beyond the map is kept."""
+    reach = REACH_SIGMAS * parameters.paper.exposure_fwhm_xy_um / FWHM_PER_SIGMA
+    return [int(np.ceil(reach / pitch)) + 1 for pitch in (target.dy_um, target.dx_um)]

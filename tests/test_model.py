@@ -1,0 +1,196 @@
+"""The chain against closed forms, and the two numerics against each other."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+from dlwpredict.errors import InputError
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import Levels
+from dlwpredict.model.states import Dose, Focus
+from dlwpredict.model.voxels import Voxels
+from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
+from dlwpredict.process import predict
+from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, blur_turned, gaussian_taps
+
+PITCH = 0.2
+
+
+def block(height_um=6.0, half_um=8.0, field_um=24.0, pitch=PITCH) -> HeightMap:
+    axis = np.arange(round(field_um / pitch)) * pitch - field_um / 2 + pitch / 2
+    inside = abs(axis) < half_um
+    return HeightMap(height_um * np.outer(inside, inside), pitch, pitch)
+
+
+def uneven(seed=0, pitch=PITCH) -> HeightMap:
+    rng = np.random.default_rng(seed)
+    relief = blur(rng.normal(size=(90, 80)), 5, 5)
+    heights = np.pad(5 + relief / relief.std(), 15)
+    return HeightMap(heights, pitch, pitch)
+
+
+def with_paper(**values) -> ParameterSet:
+    return ParameterSet(paper=Paper(**values))
+
+
+class TestSmoothing:
+    def test_half_plane_becomes_erf_edge(self):
+        plane = np.zeros((3, 201))
+        plane[:, :100] = 1
+        edge = blur(plane, 0, 8.0)[1, 50:]
+        np.testing.assert_allclose(
+            edge, ndtr((99.5 - np.arange(50, 201)) / 8.0), atol=1.7e-4
+        )  # midpoint rule: max|φ'|/(24 σ²)
+
+    def test_blurs_add_in_quadrature(self):
+        spot = np.zeros((81, 81))
+        spot[40, 40] = 1
+        np.testing.assert_allclose(blur(blur(spot, 3, 3), 4, 4), blur(spot, 5, 5), atol=1e-7)
+
+    @pytest.mark.parametrize("sigma", [0.05, 0.2, 0.5, 0.99, 1.01, 2.0, 30.0])
+    def test_taps_keep_sum_and_variance(self, sigma):
+        taps = gaussian_taps(sigma)
+        n = np.arange(len(taps)) - len(taps) // 2
+        assert taps.sum() == pytest.approx(1, abs=1e-12)
+        assert taps @ n**2 == pytest.approx(sigma**2, rel=2e-5)
+        assert (taps >= 0).all()
+
+    def test_turned_gaussian_agrees_with_axis_parallel_one(self):
+        plane = np.random.default_rng(1).normal(size=(40, 50))
+        np.testing.assert_allclose(blur_turned(plane, np.diag([4.0, 9.0])), blur(plane, 3, 2), atol=1e-5)
+
+    def test_turned_gaussian_turns_counter_clockwise_seen_from_above(self):
+        spot = np.zeros((61, 61))
+        spot[30, 30] = 1
+        cloud = Focus(1.0, 9.0, 3.0, 1.0, angle_deg=30.0).spread(spot, 1.0, 1.0)
+        x = np.arange(61) - 30
+        y = 30 - np.arange(61)
+        xy = np.einsum("rc,r,c->", cloud, y, x)
+        expected = 0.5 * (81 - 9) / FWHM_PER_SIGMA**2 * np.sin(np.deg2rad(60))
+        assert xy == pytest.approx(expected, rel=1e-3)
+
+
+class TestChain:
+    def test_interior_of_a_large_block_is_exposed_to_its_closed_form(self):
+        p = 0.3
+        part = block(height_um=8.0)
+        dose = Dose(part, (Focus(1.0, 0.5, 0.5, 1.5),), Levels())
+        exposed = Levels().exposed(dose, p, "full_dose").surface.heights_um
+        assert exposed[60, 60] == pytest.approx(8.0 - 1.5 / FWHM_PER_SIGMA * ndtri(p), abs=2e-5)
+
+    def test_equal_kappas_scale_the_exposed_height(self):
+        part = block(height_um=5.0)
+        printed = predict(part, with_paper(shrinkage_min=0.8, shrinkage_max=0.8)).heights_um
+        assert printed[60, 60] == pytest.approx(0.8 * 5.0, abs=2e-5)
+
+    def test_threshold_one_half_leaves_a_straight_edge_in_place(self):
+        part = block()
+        printed = predict(part, ParameterSet()).heights_um
+        corner = round(0.6 / PITCH)
+        rows = np.flatnonzero((part.heights_um > 0).any(axis=1))[corner:-corner]
+        np.testing.assert_array_equal(printed[rows] > 0, part.heights_um[rows] > 0)
+
+    def test_flat_block_rises_towards_its_centre(self):
+        printed = predict(block(), ParameterSet()).heights_um
+        assert printed[60, 60] > printed[60, 30] + 0.1
+
+    def test_column_mean_of_a_wide_block_is_its_closed_form(self):
+        """Far from the walls m_cl depends on z alone; its mean and its largest value are integrals of Φ."""
+        top, s = 6.0, 3.0 / FWHM_PER_SIGMA
+        part = block(height_um=top, half_um=16, field_um=44, pitch=0.4)
+        paper = {"crosslink_fwhm_xy_um": 3.0, "crosslink_fwhm_z_um": 3.0}
+        printed = predict(part, with_paper(**paper)).heights_um
+        z = np.linspace(0, top, 20001)
+        m_cl = ndtr(z / s) - ndtr((z - top) / s)
+        kappa = 0.7 + 0.3 * np.trapezoid(m_cl, z) / top / m_cl.max()
+        assert printed[55, 55] == pytest.approx(kappa * top, abs=1e-4)
+
+    @pytest.mark.parametrize("turns", [1, 2, 3])
+    def test_quarter_turn_equivariance(self, turns):
+        part = uneven()
+        turned = HeightMap(np.rot90(part.heights_um, turns), PITCH, PITCH)
+        expected = np.rot90(predict(part, ParameterSet()).heights_um, turns)
+        np.testing.assert_allclose(predict(turned, ParameterSet()).heights_um, expected, atol=2e-4)
+
+    def test_mirror_equivariance(self):
+        part = uneven()
+        mirrored = part.with_heights(part.heights_um[:, ::-1])
+        expected = predict(part, ParameterSet()).heights_um[:, ::-1]
+        np.testing.assert_allclose(predict(mirrored, ParameterSet()).heights_um, expected, atol=2e-4)
+
+    def test_same_widths_in_um_on_another_pitch(self):
+        coarse, fine = block(pitch=0.4), block(pitch=0.1)
+        a = predict(coarse, ParameterSet()).heights_um
+        b = predict(fine, ParameterSet()).heights_um
+        centre = (b[118, 118] + b[119, 119] + b[120, 120] + b[121, 121]) / 4
+        assert a[29:31, 29:31].mean() == pytest.approx(centre, abs=1e-3)
+
+    def test_part_at_the_border_is_surrounded_by_empty_resin(self):
+        part = block(half_um=6, field_um=12)
+        roomy = block(half_um=6, field_um=24)
+        inner = predict(roomy, ParameterSet()).heights_um[30:90, 30:90]
+        np.testing.assert_allclose(predict(part, ParameterSet()).heights_um, inner, atol=1e-4)
+
+    def test_slicing_rounds_to_whole_slices(self):
+        sliced = ParameterSet(paper=Paper(shrinkage_min=1, shrinkage_max=1), writing=Writing(slicing_um=0.5))
+        assert predict(block(height_um=5.2), sliced).heights_um[60, 60] == pytest.approx(5.0, abs=1e-4)
+
+    def test_structure_maximum_exposes_what_full_dose_does_not(self):
+        thin = block(half_um=0.3)
+        paper = Paper(threshold=0.9)
+        full = predict(thin, ParameterSet(paper=paper, readings=Readings("full_dose"))).heights_um
+        own = predict(thin, ParameterSet(paper=paper, readings=Readings("structure_maximum"))).heights_um
+        assert full.max() == 0 < own.max()
+
+    def test_bulk_reference_shrinks_a_small_part_more(self):
+        small = block(half_um=2)
+        own = predict(small, ParameterSet()).heights_um.max()
+        bulk = predict(small, ParameterSet(readings=Readings(crosslink_reference="bulk"))).heights_um.max()
+        assert bulk < own - 0.5
+
+
+PROCESSES = [
+    Paper(),
+    Paper(0.4, 2.0, 0.42, 5.0, 6.0, 0.72, 0.95),
+    Paper(0.7, 1.2, 0.58, 4.0, 8.0, 0.65, 0.9),
+]
+
+
+class TestNumericsAgree:
+    @pytest.mark.parametrize("paper", PROCESSES)
+    def test_voxels_converge_to_levels_linearly(self, paper):
+        part = uneven()
+        fast = predict(part, ParameterSet(paper=paper)).heights_um
+        errors = []
+        for slice_um in (0.08, 0.04, 0.02):
+            voxel = predict(part, ParameterSet(paper=paper), numerics=Voxels(slice_um)).heights_um
+            errors.append(np.sqrt(np.mean((voxel - fast)[fast > 0] ** 2)))
+        quantisation = 0.02 / np.sqrt(12)
+        assert errors[2] < 1.15 * quantisation
+        assert errors[1] / errors[2] == pytest.approx(2, rel=0.15)
+        assert errors[0] / errors[1] == pytest.approx(2, rel=0.15)
+
+    def test_voxels_do_not_depend_on_the_memory_allowed(self):
+        part = uneven()
+        whole = predict(part, ParameterSet(), numerics=Voxels(0.2))
+        blocks = predict(part, ParameterSet(), numerics=Voxels(0.2, memory_mb=1))
+        np.testing.assert_allclose(blocks.heights_um, whole.heights_um, atol=2e-5)
+
+    def test_levels_do_not_depend_on_tiles(self, monkeypatch):
+        part = uneven()
+        whole = predict(part, ParameterSet()).heights_um
+        monkeypatch.setattr("dlwpredict.model.levels.TILE_PX", 23)
+        np.testing.assert_allclose(predict(part, ParameterSet()).heights_um, whole, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("heights", "said"),
+    [
+        (np.zeros((4, 4)), "nothing written"),
+        (np.full((4, 4), -1.0), "at least 0"),
+        (np.array([[1, np.nan], [1, 1]]), "complete"),
+    ],
+)
+def test_targets_that_cannot_be_written_are_refused(heights, said):
+    with pytest.raises(InputError, match=said):
+        predict(HeightMap(heights, 1, 1), ParameterSet())
