@@ -24,9 +24,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """
     path = Path(path)
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{path.stem}.", suffix="".join(path.suffixes[-2:]), dir=path.parent
-        )
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix="".join(path.suffixes[-2:]), dir=path.parent)
     except OSError as error:
         raise InputError(f"cannot write ({error.strerror})", where=path, key="output") from None
     os.close(handle)

@@ -1,0 +1,144 @@
+"""What every height-map format shares: the noun `Format`, the noun `Stored`, and the list of all formats.
+
+A new format is one new file in this package that defines ``FORMAT = Format(...)``; nothing else is edited.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import dlwpredict.files
+from dlwpredict.errors import InputError
+from dlwpredict.heightmap import HeightMap, HeightReference
+
+Pair = tuple[float, float]
+UM_PER_UNIT = {"m": 1e6, "cm": 1e4, "mm": 1e3, "um": 1.0, "µm": 1.0, "micron": 1.0, "nm": 1e-3, "inch": 25400.0}
+
+
+def um_per(unit: str, key: str) -> float:
+    """Return the µm in one unit.
+
+    >>> um_per("nm", "z_unit")
+    0.001
+    """
+    name = unit.replace("\\u00B5", "µ").replace("μ", "µ")
+    if name not in UM_PER_UNIT:
+        raise InputError(f"found {unit!r}", key=key, allowed=f"allowed: {', '.join(UM_PER_UNIT)}")
+    return UM_PER_UNIT[name]
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """What a file holds, as it stands there: numbers that still need their unit, and what is said about them.
+
+    Parameters
+    ----------
+    numbers : numpy.ndarray, shape (rows, cols)
+        Row 0 on top; NaN = not measured.
+    pitch_um : tuple of float, optional
+        Pitch (dx, dy) in µm if the file states it.
+    z_unit : str, optional
+        Unit of the numbers if the file states it; looked up only where the user says nothing.
+    z_range_um : tuple of float, optional
+        Heights of level 0 and of level ``top_level`` if the file states them.
+    top_level : int, optional
+        For grey pictures: the level that ``z_range_um`` ends at. Such numbers mean nothing without a range.
+    height_reference, filled
+        As in `HeightMap`.
+    """
+
+    numbers: np.ndarray
+    pitch_um: Pair | None = None
+    z_unit: str | None = None
+    z_range_um: Pair | None = None
+    top_level: int | None = None
+    height_reference: HeightReference = "substrate"
+    filled: np.ndarray | None = None
+
+    def height_map(
+        self, *, pitch_um: Pair | None = None, z_scale: float | None = None, z_range_um: Pair | None = None
+    ) -> HeightMap:
+        """Return heights in µm; what is given here wins over what the file states.
+
+        Raises
+        ------
+        InputError
+            No pitch in either place, no range for grey levels, a range for numbers that need none, no measured
+            point, or anything that `HeightMap` refuses.
+        """
+        pitch = pitch_um or self.pitch_um
+        if pitch is None:
+            raise InputError("no pitch in the file", key="pitch", allowed="allowed with --pitch-um DX [DY]")
+        heights = self._heights(z_scale, z_range_um or self.z_range_um)
+        if heights.size and np.isnan(heights).all():
+            raise InputError("not one measured point (all NaN)", key="heights", allowed="at least one finite height")
+        return HeightMap(heights, *pitch, height_reference=self.height_reference, filled=self.filled)
+
+    def _heights(self, z_scale: float | None, z_range_um: Pair | None) -> np.ndarray:
+        heights = np.asarray(self.numbers, dtype=float)
+        if self.top_level is None:
+            if z_range_um is not None:
+                raise InputError("given for numbers that are heights", key="--z-range", allowed="allowed for .png only")
+            factor = um_per(self.z_unit or "um", "z_unit") if z_scale is None else z_scale
+            return heights if factor == 1 else heights * factor
+        if z_range_um is None:
+            raise InputError("grey levels without a height range", key="range", allowed="allowed with --z-range LO HI")
+        low, high = z_range_um
+        return (low + heights * ((high - low) / self.top_level)) * (1.0 if z_scale is None else z_scale)
+
+
+@dataclass(frozen=True)
+class Format:
+    """A height-map format: its endings, its reader and its writer.
+
+    ``read(path, pitch_um)`` gives `Stored`; the pitch is what the user asked for, or None. ``write(path,
+    height_map, **knobs)`` writes to a path that is renamed into place afterwards. Both raise `InputError`
+    without naming the file: the caller does.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    read: Callable[[Path, Pair | None], Stored] | None = None
+    write: Callable[..., None] | None = None
+
+
+@functools.cache
+def formats() -> dict[str, Format]:
+    """Return every format by ending, collected from the modules of this package.
+
+    Raises
+    ------
+    RuntimeError
+        Two formats claim one ending.
+    """
+    found: dict[str, Format] = {}
+    for module in sorted(entry.name for entry in pkgutil.iter_modules(dlwpredict.files.__path__)):
+        this = getattr(importlib.import_module(f"dlwpredict.files.{module}"), "FORMAT", None)
+        for ending in this.endings if isinstance(this, Format) else ():
+            if ending in found:
+                raise RuntimeError(f"{ending} is claimed by {found[ending].name} and {this.name}")
+            found[ending] = this
+    return found
+
+
+def format_of(path: Path, action: str) -> Format:
+    """Return the format that can ``read`` or ``write`` the path, by its ending.
+
+    Raises
+    ------
+    InputError
+        Unknown ending, or one that this program can only read or only write.
+    """
+    able = {ending: this for ending, this in formats().items() if getattr(this, action)}
+    for ending in sorted(able, key=len, reverse=True):
+        if path.name.lower().endswith(ending):
+            return able[ending]
+    found = "".join(path.suffixes[-2:]) or "no ending"
+    raise InputError(f"cannot {action} {found}", key="format", allowed=f"allowed: {' '.join(able)}")

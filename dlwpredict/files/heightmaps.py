@@ -1,0 +1,98 @@
+"""Read and write height maps of any known format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dlwpredict.errors import InputError, blaming
+from dlwpredict.files.atomic import replacing
+from dlwpredict.heightmap import HeightMap
+
+
+def read_height_map(
+    path: Path | str,
+    *,
+    pitch_um: float | tuple[float, ...] | None = None,
+    z_scale: float | None = None,
+    z_range_um: tuple[float, float] | None = None,
+) -> HeightMap:
+    """Read a height map; the ending decides the format.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+        File to read.
+    pitch_um : float or tuple of float, optional
+        Pitch (dx, dy) or one for both, µm. Wins over the file's; needed where the file has none.
+    z_scale : float, optional
+        µm per stored number (metres: 1e6). Wins over the unit in the file; 1 where neither says.
+    z_range_um : tuple of float, optional
+        Heights of the lowest and the highest grey level (pictures only), µm.
+
+    Raises
+    ------
+    InputError
+        Missing, unreadable or malformed file, unknown ending, no pitch, no measured point, infinite heights.
+    """
+    from dlwpredict.files.formats import format_of
+
+    path = Path(path)
+    with blaming(path):
+        pitch = _pair(pitch_um)
+        _check_numbers(z_scale, z_range_um)
+        chosen = format_of(path, "read")
+        _check_readable(path)
+        stored = chosen.read(path, pitch)
+        return stored.height_map(pitch_um=pitch, z_scale=z_scale, z_range_um=z_range_um)
+
+
+def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> None:
+    """Write a height map whole or not at all; the ending decides the format, ``knobs`` go to its writer.
+
+    Raises
+    ------
+    InputError
+        Unknown ending, folder missing, or heights that the format cannot hold.
+    """
+    from dlwpredict.files.formats import format_of
+
+    path = Path(path)
+    with blaming(path):
+        chosen = format_of(path, "write")
+        with replacing(path) as temporary:
+            chosen.write(temporary, height_map, **knobs)
+
+
+def _pair(pitch_um: float | tuple[float, ...] | None) -> tuple[float, float] | None:
+    """Return (dx, dy), each a positive number of µm."""
+    if pitch_um is None:
+        return None
+    values = np.atleast_1d(np.asarray(pitch_um, dtype=float))
+    if values.shape not in ((1,), (2,)) or not (np.isfinite(values).all() and (values > 0).all()):
+        found = " ".join(f"{value:g}" for value in values.ravel())
+        raise InputError(f"found {found}", key="--pitch-um", allowed="allowed: one or two positive numbers of µm")
+    return float(values[0]), float(values[-1])
+
+
+def _check_numbers(z_scale: float | None, z_range_um: tuple[float, float] | None) -> None:
+    if z_scale is not None and not (np.isfinite(z_scale) and z_scale != 0):
+        raise InputError(f"found {z_scale:g}", key="--z-scale", allowed="allowed: a finite number, not 0")
+    if z_range_um is not None and not (np.isfinite(z_range_um).all() and z_range_um[0] < z_range_um[1]):
+        found = " ".join(f"{value:g}" for value in z_range_um)
+        raise InputError(f"found {found}", key="--z-range", allowed="allowed: two numbers of µm, the lower one first")
+
+
+def _check_readable(path: Path) -> None:
+    """Refuse what is missing, a folder, not readable, or empty."""
+    if path.is_dir():
+        raise InputError("is a folder", key="file", allowed="give a file")
+    try:
+        with path.open("rb") as stream:
+            empty = not stream.read(1)
+    except OSError as error:
+        raise InputError(f"cannot read ({error.strerror})", key="file") from None
+    if empty:
+        raise InputError("is empty", key="file", allowed="a height map")
