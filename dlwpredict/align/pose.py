@@ -1,0 +1,150 @@
+"""Where a target lies in a recording: shift, rotation, scale, shear and a low-order bow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+Distortion = Literal["shift", "rigid", "affine", "bow"]  # "shift" inside only: a round part has no rotation
+
+
+def rotation_matrix(rotation_deg: float) -> np.ndarray:
+    """Matrix of a counter-clockwise rotation (x right, y up), shape (2, 2).
+
+    Examples
+    --------
+    >>> (rotation_matrix(90) @ [1, 0]).round(12).tolist()
+    [0.0, 1.0]
+    """
+    cosine, sine = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Map from the target to the recording, both counted from their centres in µm, x right, y up.
+
+    q = shift + A·p + B·(u², u·v, v²),  u = p_x / reach_x, v = p_y / reach_y,
+
+    A = R(rotation)·[[1, shear], [0, 1]]·diag(scale). The bow B (2 × 3, µm) is what a quadratic distortion adds
+    at the rim of the target, half its width from the centre.
+
+    Parameters
+    ----------
+    shift_um : tuple of float
+        Where the target's centre lies in the recording, µm.
+    matrix : tuple of tuple of float
+        The matrix A.
+    bow_um : tuple of tuple of float
+        The matrix B: one row for x, one for y, columns xx, xy, yy, µm.
+    reach_um : tuple of float
+        Half the target's width and height, µm.
+    mirrored : bool
+        The recording was turned back (its columns reversed) before the pose was counted.
+    """
+
+    shift_um: tuple[float, float]
+    matrix: tuple[tuple[float, float], tuple[float, float]]
+    bow_um: tuple = ((0.0,) * 3,) * 2
+    reach_um: tuple[float, float] = (1.0, 1.0)
+    mirrored: bool = False
+
+    @classmethod
+    def rigid(cls, shift_um, rotation_deg, *, reach_um=(1.0, 1.0), mirrored=False) -> Pose:
+        """Make a pose of a shift and a rotation only."""
+        return cls(tuple(shift_um), _rows(rotation_matrix(rotation_deg)), reach_um=reach_um, mirrored=mirrored)
+
+    @cached_property
+    def rotation_deg(self) -> float:
+        """Counter-clockwise rotation in (−180°, 180°]."""
+        (a, _), (c, _) = self.matrix
+        return float(np.degrees(np.arctan2(c, a)))
+
+    @property
+    def _upright(self) -> np.ndarray:
+        return rotation_matrix(-self.rotation_deg) @ np.array(self.matrix)
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Recording length per target length along the target's x and y."""
+        upright = self._upright
+        return float(upright[0, 0]), float(upright[1, 1])
+
+    @property
+    def shear(self) -> float:
+        """Shear: x moves by this much of y (rad)."""
+        upright = self._upright
+        return float(upright[0, 1] / upright[1, 1])
+
+    def to_recording(self, x_um: np.ndarray, y_um: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where target points lie in the recording, µm.
+
+        Examples
+        --------
+        >>> x, y = Pose.rigid((10.0, 0.0), 90.0).to_recording(np.array([1.0]), np.array([0.0]))
+        >>> round(float(x[0]), 9), round(float(y[0]), 9)
+        (10.0, 1.0)
+        """
+        u, v = x_um / self.reach_um[0], y_um / self.reach_um[1]
+        return tuple(
+            self.shift_um[i]
+            + self.matrix[i][0] * x_um
+            + self.matrix[i][1] * y_um
+            + (self.bow_um[i][0] * u + self.bow_um[i][1] * v) * u
+            + self.bow_um[i][2] * v * v
+            for i in (0, 1)
+        )
+
+    def to_target(self, x_um: np.ndarray, y_um: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where recording points lie in the target, µm (fixed-point iteration for the small bow)."""
+        inverse = np.linalg.inv(np.array(self.matrix))
+        points = np.stack([np.asarray(x_um, float), np.asarray(y_um, float)])
+        found = np.tensordot(inverse, points - _column(self.shift_um, points), 1)
+        for _ in range(8):
+            error = points - np.stack(self.to_recording(*found))
+            found = found + np.tensordot(inverse, error, 1)
+        return found[0], found[1]
+
+    def jacobian(self, x_um: np.ndarray, y_um: np.ndarray, distortion: Distortion) -> np.ndarray:
+        """Derivatives of the recording position by the parameters of `moved`, shape (parameters, 2, points)."""
+        one, zero = np.ones_like(x_um), np.zeros_like(x_um)
+        (a, b), (c, d) = self.matrix
+        columns = [(one, zero), (zero, one)]
+        if distortion == "shift":
+            return np.array(columns)
+        if distortion == "rigid":
+            columns.append((-(c * x_um + d * y_um), a * x_um + b * y_um))
+        else:
+            columns += [(x_um, zero), (y_um, zero), (zero, x_um), (zero, y_um)]
+        if distortion == "bow":
+            u, v = x_um / self.reach_um[0], y_um / self.reach_um[1]
+            terms = (u * u, u * v, v * v)
+            columns += [(term, zero) for term in terms] + [(zero, term) for term in terms]
+        return np.array(columns)
+
+    def moved(self, step: np.ndarray) -> Pose:
+        """Return the pose after a step: 2 parameters (shift), 3 (rigid), 6 (affine: shift, A) or 12 (bow: + B)."""
+        matrix, bow = np.array(self.matrix), np.array(self.bow_um)
+        if len(step) == 3:
+            matrix = rotation_matrix(np.degrees(step[2])) @ matrix
+        elif len(step) > 3:
+            matrix = matrix + np.reshape(step[2:6], (2, 2))
+            if len(step) == 12:
+                bow = bow + np.reshape(step[6:], (2, 3))
+        shift = tuple(float(s + d) for s, d in zip(self.shift_um, step[:2], strict=True))
+        return replace(self, shift_um=shift, matrix=_rows(matrix), bow_um=_rows(bow))
+
+    def figures(self) -> np.ndarray:
+        """Shift x, y; rotation (°); scale x, y; shear (mrad); bow (µm): 12 numbers for reports and tests."""
+        return np.array([*self.shift_um, self.rotation_deg, *self.scale, 1e3 * self.shear, *np.ravel(self.bow_um)])
+
+
+def _rows(matrix: np.ndarray) -> tuple:
+    return tuple(tuple(float(value) for value in row) for row in matrix)
+
+
+def _column(pair, like: np.ndarray) -> np.ndarray:
+    return np.reshape(pair, (2, *(1,) * (like.ndim - 1)))

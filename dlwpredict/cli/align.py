@@ -1,0 +1,70 @@
+"""``align``: bring a recording onto its target's grid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+import yaml
+
+from dlwpredict.align import Alignment, align
+from dlwpredict.cli.console import detail, say, warn
+from dlwpredict.cli.options import Output, Overwrite, check_outputs
+from dlwpredict.errors import InputError
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.atomic import write_text
+
+COMMAND = "align"
+
+
+def run(
+    recording: Annotated[Path, typer.Argument(help="Recording: a height map from the microscope.")],
+    target: Annotated[Path, typer.Argument(help="Target: the height map that was to be printed.")],
+    output: Output,
+    report: Annotated[Path | None, typer.Option("--report", help="Figures and uncertainties (YAML).")] = None,
+    distortion: Annotated[
+        Literal["auto", "rigid", "affine", "bow"],
+        typer.Option("--distortion", help="Lateral mapping; auto: as much as a test finds."),
+    ] = "auto",
+    allow_mirror: Annotated[
+        bool, typer.Option("--allow-mirror", help="Turn a mirrored recording back instead of refusing it.")
+    ] = False,
+    keep_missing: Annotated[
+        bool, typer.Option("--keep-missing", help="Leave points that were not measured empty (NaN).")
+    ] = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Find the target in a recording, resample it onto the target's grid and level it.
+
+    Example: dlwpredict align recording.tif target.tif -o aligned.tif --report align.yaml
+    """
+    check_outputs(output, report, overwrite=overwrite)
+    maps = read_height_map(recording), read_height_map(target)
+    try:
+        found = align(*maps, distortion=distortion, allow_mirror=allow_mirror, keep_missing=keep_missing)
+    except InputError as error:
+        names = {"target": str(target), "recording": str(recording), "": str(recording)}
+        raise type(error)(
+            error.what, where=names.get(error.where, error.where), key=error.key, allowed=error.allowed
+        ) from None
+    write_height_map(output, found.aligned)
+    if report is not None:
+        write_text(report, yaml.safe_dump(found.as_dict(), sort_keys=False))
+    if found.symmetry != "none":
+        warn(f"{target}: symmetric ({found.symmetry}): the smallest rotation was taken")
+    if found.aligned.height_reference == "relative":
+        warn(f"{output}: no substrate in view, heights are relative")
+    say(f"{output}: {_line(found)}")
+    detail(f"distortion: {found.distortion}; tests: {found.distortion_test}; quality: {found.quality}")
+
+
+def _line(found: Alignment) -> str:
+    error = found.uncertainty
+    (x, y), (dx, dy) = found.pose.shift_um, error["shift_um"]
+    return (
+        f"shift {x:.3f}±{dx:.3f}, {y:.3f}±{dy:.3f} µm, "
+        f"rotation {found.pose.rotation_deg:.3f}±{error['rotation_deg']:.3f}°, "
+        f"scale {found.pose.scale[0]:.4f}, {found.pose.scale[1]:.4f} ({found.distortion}), CC {found.cc:.3f}, "
+        f"heights {'to the substrate' if found.aligned.height_reference == 'substrate' else 'relative'}"
+    )
