@@ -1,0 +1,54 @@
+# dlwpredict: everything a newcomer or a bench computer needs, as targets. `make help` lists them.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DLW := $(BIN)/dlwpredict
+RUNS ?= runs
+RECORDINGS ?= ../shared/recordings
+
+.PHONY: help
+help: ## List the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort -u | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
+
+# -- environment ------------------------------------------------------------------------------
+.PHONY: install
+install: $(VENV)/.installed ## Make the virtual environment (other targets do it by themselves)
+
+$(VENV)/.installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "error: $(PYTHON) is older than Python 3.11; say make PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --editable . --group dev
+	touch $@
+
+# -- the daily targets ------------------------------------------------------------------------
+.PHONY: test check format clean
+test: $(VENV)/.installed ## Run the tests
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.installed ## Lint and check the format
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+format: $(VENV)/.installed ## Format the code
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+clean: ## Remove the environment and all runs
+	rm -rf $(VENV) $(RUNS) *.egg-info .pytest_cache .ruff_cache .hypothesis
+
+# -- benchmarks -------------------------------------------------------------------------------
+.PHONY: bench-model bench-align
+bench-model: $(VENV)/.installed ## Fast against voxel: agreement, time, memory
+	$(BIN)/python -m tests.bench.model
+
+bench-align: $(VENV)/.installed ## Alignment errors over synthetic recordings
+	$(BIN)/python -m tests.bench.align
+
+include configs/*.mk

@@ -1,0 +1,88 @@
+"""Inverting known prints: the identity, a scale, the chain itself."""
+
+import numpy as np
+import pytest
+
+from dlwpredict.errors import InputError, ResultError
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.precompensate import Limits, precompensate
+from dlwpredict.process import predict
+from dlwpredict.smoothing import blur
+
+
+@pytest.fixture(scope="module")
+def relief() -> HeightMap:
+    waves = blur(np.random.default_rng(3).normal(size=(70, 80)), 4, 4)
+    return HeightMap(np.pad(6 + waves / waves.std(), 12), 0.4, 0.4)
+
+
+def scaled(factor):
+    return lambda written: written.with_heights(factor * written.heights_um)
+
+
+def test_identity_returns_the_target(relief):
+    found = precompensate(relief, scaled(1.0))
+    np.testing.assert_array_equal(found.corrected.heights_um, relief.heights_um)
+    assert found.predictions == 1
+
+
+@pytest.mark.parametrize("factor", [0.8, 0.4, 1.3])
+def test_scale_is_inverted(relief, factor):
+    found = precompensate(relief, scaled(factor))
+    np.testing.assert_allclose(found.corrected.heights_um, relief.heights_um / factor, rtol=5e-3)
+
+
+@pytest.mark.parametrize("memory", [0, 5])
+def test_chain_is_inverted_within_ten_predictions(relief, memory):
+    process = ParameterSet()
+    found = precompensate(relief, lambda written: predict(written, process), memory=memory)
+    figures = found.summary()
+    assert found.predictions <= 10
+    assert figures["reachable"]["largest_to_initial"] < 0.01
+    assert figures["reachable"]["fraction"] > 0.98
+    print_of_it = predict(found.corrected, process).heights_um
+    np.testing.assert_allclose(print_of_it, found.predicted.heights_um, atol=1e-6)
+
+
+def test_swinging_print_is_damped(relief):
+    """A print that overshoots by a factor of three drives the plain loop apart."""
+    found = precompensate(relief, scaled(3.0), memory=0)
+    assert found.damped > 0
+    assert found.summary()["rmse_um"]["after"] < 0.05 * found.summary()["rmse_um"]["before"]
+
+
+def test_print_that_answers_the_wrong_way_is_refused(relief):
+    def contrary(written):
+        return written.with_heights(np.where(written.heights_um > 0, 20 - 1.2 * written.heights_um, 0))
+
+    with pytest.raises(ResultError, match="no step lowers"):
+        precompensate(relief, contrary)
+
+
+def test_place_that_never_answers_is_reported(relief):
+    def partly_dead(written):
+        heights = 0.8 * written.heights_um
+        heights[30:40, 30:40] = 4.0
+        return written.with_heights(heights)
+
+    found = precompensate(relief, partly_dead)
+    expected = np.zeros(relief.shape, dtype=bool)
+    expected[30:40, 30:40] = abs(relief.heights_um[30:40, 30:40] - 4) > 0.01 * found.history[0]["largest_um"]
+    np.testing.assert_array_equal(~found.reachable, expected)
+    assert found.summary()["reachable"]["largest_to_initial"] < 0.01
+
+
+def test_footprint_slices_and_maximum_are_kept(relief):
+    limits = Limits(maximum_um=float(relief.heights_um.max()) + 0.3, slicing_um=0.2)
+    found = precompensate(relief, scaled(0.9), limits=limits)
+    written = found.corrected.heights_um
+    np.testing.assert_array_equal(written > 0, relief.heights_um > 0)
+    np.testing.assert_allclose(written / 0.2, np.round(written / 0.2), atol=1e-9)
+    assert written.max() <= limits.maximum_um
+    assert not found.reachable[relief.heights_um > 0.95 * relief.heights_um.max()].any()
+
+
+def test_target_above_the_maximum_is_refused(relief):
+    with pytest.raises(InputError, match="maximum"):
+        precompensate(relief, scaled(1.0), limits=Limits(maximum_um=1.0))
