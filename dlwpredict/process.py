@@ -78,7 +78,7 @@ def predict(
         The target has points not measured, negative heights, or nothing written.
     """
     check_target(target)
-    room = _room_px(target, parameters)
+    room = room_px(target, parameters)
     padded = target.with_heights(np.pad(target.heights_um, [(r, r) for r in room]))
     printed = run(steps(parameters, numerics or Levels(), as_measured=as_measured), padded).heights_um
     inner = tuple(slice(r, r + n) for r, n in zip(room, target.shape, strict=True))
@@ -106,7 +106,7 @@ def check_target(target: HeightMap) -> None:
         raise InputError("nothing written, every height is 0", key="heights", allowed="some height above 0")
 
 
-def _room_px(target: HeightMap, parameters: ParameterSet) -> list[int]:
+def room_px(target: HeightMap, parameters: ParameterSet) -> list[int]:
     """Return the rows and columns of empty resin to add on each side, so that exposure beyond the map is kept."""
     reach = REACH_SIGMAS * parameters.paper.exposure_fwhm_xy_um / FWHM_PER_SIGMA
     return [int(np.ceil(reach / pitch)) + 1 for pitch in (target.dy_um, target.dx_um)]
