@@ -70,11 +70,14 @@ def _program(
 
 
 def _register() -> None:
-    """Add every module of this package that defines COMMAND and `run` (a new command is one new file)."""
+    """Add every module of this package: COMMAND and `run`, or COMMAND and a `group` of sub-commands, per file."""
     for found in pkgutil.iter_modules(sys.modules[__package__].__path__):
         if found.name not in ("app", "console", "options"):
             module = importlib.import_module(f"{__package__}.{found.name}")
-            app.command(module.COMMAND)(with_verbosity(module.run))
+            if hasattr(module, "group"):
+                app.add_typer(module.group, name=module.COMMAND)
+            else:
+                app.command(module.COMMAND)(with_verbosity(module.run))
 
 
 _register()

@@ -1,0 +1,68 @@
+"""``dlwpredict design KIND``: a target made by formula; the options of a kind are those that the kind declares."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, get_args
+
+import typer
+
+from dlwpredict.cli import options
+from dlwpredict.cli.console import say, warn, with_verbosity
+from dlwpredict.designs import KINDS, options_of
+from dlwpredict.errors import blaming
+from dlwpredict.files import write_height_map
+from dlwpredict.parameters import Declaration
+
+COMMAND = "design"
+group = typer.Typer(
+    no_args_is_help=True,
+    subcommand_metavar="KIND -o TARGET.tif [OPTIONS]",
+    help="Make a target by formula; `design KIND --help` lists the options of a kind.",
+)
+
+
+def command(kind: str) -> Callable[..., None]:
+    """Return the command of a kind, its options derived from the kind's signature."""
+    make = KINDS[kind]
+
+    def run(*, output: Path, overwrite: bool, **settings) -> None:
+        options.check_outputs(output, overwrite=overwrite)
+        with blaming(f"design {kind}"):
+            target = make(**settings)
+        write_height_map(output, target)
+        asked = settings["size_um"] + 2 * settings["margin_um"]
+        if max(abs(side - asked) for side in target.size_um) > 1e-6 * asked:
+            width, depth = target.size_um
+            warn(
+                f"size and margin rounded to whole pixels: field {width:.6g} x {depth:.6g} µm instead of {asked:.6g} µm"
+            )
+        say(f"{output}: {kind}, {target.summary()}")
+
+    declared = options_of(make)
+    given = inspect.signature(make).parameters.values()
+    kind_options = [option.replace(annotation=as_option(option, declared[option.name])) for option in given]
+    output, overwrite = (
+        inspect.Parameter("output", inspect.Parameter.KEYWORD_ONLY, annotation=options.Output),
+        inspect.Parameter("overwrite", inspect.Parameter.KEYWORD_ONLY, annotation=options.Overwrite, default=False),
+    )
+    run.__signature__ = inspect.Signature([output, *kind_options, overwrite])
+    run.__doc__ = f"Make a target: {make.meaning}.\n\n$ dlwpredict design {kind} -o {kind}.tif"
+    return run
+
+
+def as_option(option: inspect.Parameter, declaration: Declaration) -> object:
+    """Return the annotation that makes typer ask for a declared option; the range is checked by the kind itself."""
+    kind_of_value = get_args(option.annotation)[0]
+    unit = "" if declaration.unit == "1" else f" {declaration.unit}"
+    allowed = f" ({declaration.low:.10g} to {declaration.high:.10g}{unit})" if kind_of_value is not bool else ""
+    flag = f"--{option.name.replace('_', '-')}"
+    return Annotated[
+        kind_of_value, typer.Option(flag, help=f"{declaration.meaning[0].upper()}{declaration.meaning[1:]}{allowed}.")
+    ]
+
+
+for _kind in KINDS:
+    group.command(_kind, short_help=KINDS[_kind].meaning)(with_verbosity(command(_kind)))
