@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -28,8 +29,10 @@ def height_limits(*maps: HeightMap) -> tuple[float, float]:
     Where the relief stands on a tall block, the bare substrate (0) around it would take most of the colours.
     """
     heights = np.concatenate([one.heights_um[~np.isnan(one.heights_um)] for one in maps])
-    part = heights[heights > 0.05 * heights.max()] if heights.max() > 0 else heights
-    if part.size == 0 or heights.min() < -0.05 * heights.max():
+    if heights.size == 0:
+        return 0.0, 1.0
+    part = heights[heights > 0.05 * heights.max()]
+    if part.size == 0 or heights.min() < -0.05 * heights.max():  # no substrate at 0: relative heights, a difference
         part = heights
     low, high = np.percentile(part, (0.5, 99.5))
     if 0 < low < 0.5 * high or high - low < 0.05 * abs(high):
@@ -81,10 +84,9 @@ def show_map(
     )
     axes.set_facecolor(NOT_MEASURED)
     axes.set(title=title, xlabel="x / µm", ylabel="y / µm")
-    below, above = np.nanmin(height_map.heights_um) < low, np.nanmax(height_map.heights_um) > high
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(
-        (bool(below), bool(above)), "neither"
-    )
+    known = height_map.heights_um[~np.isnan(height_map.heights_um)]
+    below, above = bool((known < low).any()), bool((known > high).any())
+    extend = "both" if below and above else "min" if below else "max" if above else "neither"
     beside = axes.inset_axes((1.04, 0, 0.05, 1))
     axes.figure.colorbar(image, cax=beside, label=label, extend=extend, extendfrac=0.04).outline.set_linewidth(0.6)
     return image
@@ -111,7 +113,8 @@ def show_profile(axes: Axes, maps: tuple[HeightMap, HeightMap], *, axis: str, na
     axes.fill_between(along, reference, test, color=TEST_LINE["color"], alpha=0.15, lw=0)
     axes.plot(along, reference, label=names[0], **REFERENCE_LINE)
     axes.plot(along, test, label=names[1], **TEST_LINE)
-    axes.set(xlabel=f"{axis} / µm", ylabel="height / µm", title=f"{axis}-profile through the centre")
+    axes.set(xlabel=f"{axis} / µm", ylabel="height / µm")
+    axes.set_title(f"{axis}-profile through the centre", loc="left")
     axes.margins(x=0)
     axes.grid(color="0.9", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
@@ -140,7 +143,7 @@ def comparison(
     """
     require_same_grid(reference, test, names)
     difference = test.with_heights(test.heights_um - reference.heights_um)
-    figure = Figure(figsize=(11, 6.4), layout="constrained")
+    figure = Figure(figsize=(11, 6.2), layout="constrained")
     rows = figure.subfigures(2, 1, height_ratios=(1.35, 1))
     first, second, third = rows[0].subplots(1, 3)
     limits = height_limits(reference, test)
@@ -155,7 +158,7 @@ def comparison(
     show_profile(left, (reference, test), axis="x", names=names)
     show_profile(right, (reference, test), axis="y", names=names)
     right.set_ylabel("")
-    left.legend(frameon=False, loc="best")
+    left.legend(frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), borderaxespad=0)
     if caption:
         figure.suptitle(caption, fontsize=10)
     return figure
@@ -167,7 +170,7 @@ def save(path: Path | str, figure: Figure, *, dpi: float = 200) -> None:
     silent = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-        "svg": {"Date": None},
+        "svg": {"Date": None, "Creator": None},
     }
-    with replacing(path) as temporary:
+    with replacing(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "dlwpredict"}):
         figure.savefig(temporary, format=kind, dpi=dpi, metadata=silent.get(kind))

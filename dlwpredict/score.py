@@ -30,6 +30,8 @@ class Score:
     material_ratio_range : tuple of float
     alpha_z_full, l_z_full_um : float or None
         The same over all heights, 0 to 1.
+    region : {"map", "part"}
+        What the figures stand for: the whole map, or the points where the reference is higher than the substrate.
     valid_fraction : float
         Compared points among the points of the region.
     points : int
@@ -54,6 +56,7 @@ class Score:
     material_ratio_range: tuple[float, float]
     alpha_z_full: float | None
     l_z_full_um: float | None
+    region: str
     valid_fraction: float
     points: int
     filled_points: int
@@ -117,6 +120,7 @@ def score(
         material_ratio_range=(float(low), float(high)),
         alpha_z_full=alpha_full,
         l_z_full_um=linearity_full,
+        region="part" if part_only else "map",
         valid_fraction=float(compared.sum() / region.sum()),
         points=int(compared.sum()),
         filled_points=int(filled.sum()),

@@ -86,7 +86,7 @@ def table(result: Score) -> str:
 
 def points_note(result: Score) -> str:
     """Say which points entered."""
-    note = f"{100 * result.valid_fraction:.4g} % of the region"
+    note = f"{100 * result.valid_fraction:.4g} % of the {result.region}"
     if result.filled_points:
         note += f"; {result.filled_points} filled points {'entered' if result.filled_points_entered else 'left out'}"
     if 0 < result.substrate_fraction < 1:
