@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-import dlwpredict.files
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap, HeightReference
 
@@ -32,6 +31,15 @@ def um_per(unit: str, key: str) -> float:
     if name not in UM_PER_UNIT:
         raise InputError(f"found {unit!r}", key=key, allowed=f"allowed: {', '.join(UM_PER_UNIT)}")
     return UM_PER_UNIT[name]
+
+
+def float32(values: np.ndarray) -> np.ndarray:
+    """Return the numbers as float32, refusing those beyond its range."""
+    with np.errstate(over="ignore", under="ignore"):
+        single = values.astype("<f4")
+    if np.isinf(single).any():
+        raise InputError("heights beyond float32", key="heights", allowed="allowed up to 3.4e38 in the file's unit")
+    return single
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +127,8 @@ def formats() -> dict[str, Format]:
         Two formats claim one ending.
     """
     found: dict[str, Format] = {}
-    for module in sorted(entry.name for entry in pkgutil.iter_modules(dlwpredict.files.__path__)):
-        this = getattr(importlib.import_module(f"dlwpredict.files.{module}"), "FORMAT", None)
+    for module in sorted(entry.name for entry in pkgutil.iter_modules([str(Path(__file__).parent)])):
+        this = getattr(importlib.import_module(f"{__package__}.{module}"), "FORMAT", None)
         for ending in this.endings if isinstance(this, Format) else ():
             if ending in found:
                 raise RuntimeError(f"{ending} is claimed by {found[ending].name} and {this.name}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import replacing
+from dlwpredict.files.formats import format_of
 from dlwpredict.heightmap import HeightMap
 
 
@@ -37,8 +38,6 @@ def read_height_map(
     InputError
         Missing, unreadable or malformed file, unknown ending, no pitch, no measured point, infinite heights.
     """
-    from dlwpredict.files.formats import format_of
-
     path = Path(path)
     with blaming(path):
         pitch = _pair(pitch_um)
@@ -57,8 +56,6 @@ def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> N
     InputError
         Unknown ending, folder missing, or heights that the format cannot hold.
     """
-    from dlwpredict.files.formats import format_of
-
     path = Path(path)
     with blaming(path):
         chosen = format_of(path, "write")

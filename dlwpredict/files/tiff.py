@@ -14,7 +14,7 @@ import numpy as np
 import tifffile
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, um_per
+from dlwpredict.files.formats import Format, Pair, Stored, float32, um_per
 from dlwpredict.files.key_lines import key_lines, parse_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
@@ -55,10 +55,6 @@ def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
 
 def write_tiff(path: Path, height_map: HeightMap) -> None:
     """Write heights as float32, NaN kept; no time stamp, so equal maps give equal bytes."""
-    with np.errstate(over="ignore"):
-        heights = height_map.heights_um.astype(np.float32)
-    if np.isinf(heights).any():
-        raise InputError("heights beyond float32", key="heights", allowed="allowed up to 3.4e38 µm")
     lines, extra = {"unit": "um", **key_lines(height_map)}, []
     if height_map.filled is not None:
         packed = zlib.compress(np.packbits(height_map.filled).tobytes(), 9)
@@ -66,7 +62,7 @@ def write_tiff(path: Path, height_map: HeightMap) -> None:
         extra = [(FILLED_TAG, _BYTES, len(packed), packed, True)]
     tifffile.imwrite(
         path,
-        heights,
+        float32(height_map.heights_um),
         imagej=True,
         resolution=(1 / height_map.dx_um, 1 / height_map.dy_um),
         metadata=lines,

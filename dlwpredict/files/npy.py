@@ -1,0 +1,40 @@
+"""NumPy's ``.npy``: one matrix of µm, nothing else; the pitch has to be given on reading."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dlwpredict.errors import InputError
+from dlwpredict.files.formats import Format, Pair, Stored
+from dlwpredict.heightmap import HeightMap
+
+
+def read_npy(path: Path, pitch_um: Pair | None) -> Stored:
+    """Read a real matrix; pickled objects are never loaded.
+
+    Raises
+    ------
+    InputError
+        Not a ``.npy`` file, truncated, or holding anything but integers or floats.
+    """
+    try:
+        with path.open("rb") as stream:
+            numbers = np.lib.format.read_array(stream, allow_pickle=False)
+    except (ValueError, OSError, EOFError, SyntaxError, TypeError, MemoryError) as error:
+        raise InputError(
+            f"not a readable .npy ({str(error).splitlines()[0]})", key="file", allowed="a plain matrix of numbers"
+        ) from None
+    if numbers.dtype.kind not in "uif":
+        raise InputError(f"values of type {numbers.dtype}", key="type", allowed="allowed: integer or float")
+    return Stored(numbers)
+
+
+def write_npy(path: Path, height_map: HeightMap) -> None:
+    """Write the heights in µm as float64, NaN kept."""
+    with path.open("wb") as stream:
+        np.lib.format.write_array(stream, height_map.heights_um, allow_pickle=False)
+
+
+FORMAT = Format("NumPy matrix", (".npy",), read_npy, write_npy)

@@ -1,0 +1,101 @@
+"""STL: the solid a printer slices. The number in the file is µm; x to the right, y up, z = 0 the substrate.
+
+Reading looks at the solid from above: the highest point over every pixel centre, nothing = 0.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dlwpredict.errors import InputError, ResultError
+from dlwpredict.files.formats import Format, Pair, Stored, float32
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.mesh import Solid, solid_of
+from dlwpredict.rasterise import seen_from_above
+
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+_HEAD = 84  # 80 bytes of text, then the number of triangles
+_TITLE = b"dlwpredict, lengths in um, z = 0 on the substrate"
+_VOLUME_TOLERANCE = 1e-4
+
+
+def read_stl(path: Path, pitch_um: Pair | None) -> Stored:
+    """Rasterise the mesh from above; its lowest point is the substrate.
+
+    Raises
+    ------
+    InputError
+        Neither binary nor ASCII STL, no triangles, or no pitch given.
+    """
+    if pitch_um is None:
+        raise InputError("an STL has no pixels", key="pitch", allowed="allowed with --pitch-um DX [DY]")
+    triangles = read_triangles(path)
+    return Stored(seen_from_above(triangles, *pitch_um), pitch_um=pitch_um)
+
+
+def read_triangles(path: Path) -> np.ndarray:
+    """Return the corners of all triangles of a binary or ASCII STL, shape (n, 3, 3), µm."""
+    content = path.read_bytes()
+    count = int.from_bytes(content[80:_HEAD], "little")
+    if len(content) > _HEAD and len(content) == _HEAD + count * _RECORD.itemsize:
+        triangles = np.frombuffer(content, _RECORD, offset=_HEAD)["corners"].astype(float)
+    elif content.lstrip()[:5].lower() == b"solid":
+        triangles = _ascii_triangles(content)
+    else:
+        raise InputError("not a whole STL", key="file", allowed="binary or ASCII STL")
+    if not triangles.size or not np.isfinite(triangles).all():
+        raise InputError("no triangles, or not finite", key="triangles", allowed="a mesh of finite corners")
+    return triangles
+
+
+def _ascii_triangles(content: bytes) -> np.ndarray:
+    words = [line.split() for line in content.lower().splitlines()]
+    try:
+        if not any(line[:1] == [b"endsolid"] for line in words):
+            raise ValueError
+        return np.array([line[1:4] for line in words if line[:1] == [b"vertex"]], dtype=float).reshape(-1, 3, 3)
+    except ValueError:
+        raise InputError("not a whole ASCII STL", key="file", allowed="three vertex lines per facet") from None
+
+
+def write_stl(path: Path, height_map: HeightMap, *, base_um: float = 0.0, min_thickness_um: float = 0.1) -> None:
+    """Write the solid under a height map, and check the file; see `dlwpredict.mesh.solid_of`."""
+    write_solid(path, solid_of(height_map, base_um=base_um, min_thickness_um=min_thickness_um))
+
+
+def write_solid(path: Path, solid: Solid) -> None:
+    """Write a solid as binary STL, read it back, and have trimesh check it.
+
+    Raises
+    ------
+    ResultError
+        What was written is not watertight, not wound consistently, or has another volume.
+    """
+    corners = float32(solid.vertices_um)[solid.faces]
+    a, b, c = (corners[:, k].astype(float) for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    records = np.zeros(len(corners), _RECORD)
+    records["corners"] = corners
+    records["normal"] = normals / np.where(lengths > 0, lengths, 1.0)
+    with path.open("wb") as stream:
+        stream.write(_TITLE.ljust(80, b"\0") + len(records).to_bytes(4, "little"))
+        stream.write(records.tobytes())
+    _require_solid(path, solid)
+
+
+def _require_solid(path: Path, solid: Solid) -> None:
+    import trimesh
+
+    mesh = trimesh.load_mesh(path, file_type="stl")
+    if not (mesh.is_watertight and mesh.is_winding_consistent):
+        raise ResultError("mesh is not watertight", key="mesh", allowed="please report this height map")
+    if not (mesh.volume > 0 and abs(mesh.volume / solid.volume_um3 - 1) < _VOLUME_TOLERANCE):
+        raise ResultError(
+            f"mesh holds {mesh.volume:.6g} µm³", key="mesh", allowed=f"expected {solid.volume_um3:.6g} µm³"
+        )
+
+
+FORMAT = Format("binary STL", (".stl",), read_stl, write_stl)
