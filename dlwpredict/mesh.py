@@ -39,6 +39,12 @@ class Solid:
     largest_lift_um: float = 0.0
 
     @property
+    def remarks(self) -> list[str]:
+        """Say which heights were lifted."""
+        lift = f"{self.lifted_points} points lifted to the smallest thickness, by up to {self.largest_lift_um:.4g} µm"
+        return [lift] if self.lifted_points else []
+
+    @property
     def volume_um3(self) -> float:
         """Volume by the divergence theorem, Σ a·(b × c)/6 over the faces, µm³."""
         a, b, c = (self.vertices_um[self.faces[:, k]] for k in range(3))

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 import dlwpredict
 from dlwpredict.cli.console import with_verbosity
+from dlwpredict.cli.options import joined_pairs
 from dlwpredict.errors import InputError
 
 COMMAND_ORDER = [
@@ -35,6 +36,9 @@ class _Program(TyperGroup):
 
     def list_commands(self, ctx) -> list[str]:
         return sorted(super().list_commands(ctx), key=lambda name: (*COMMAND_ORDER, name).index(name))
+
+    def parse_args(self, ctx, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, joined_pairs(args))
 
     def invoke(self, ctx):
         try:

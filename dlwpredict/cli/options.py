@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,24 @@ Parameters = Annotated[
     typer.Option("-p", "--parameters", help="Parameter file (YAML); the paper's defaults if absent."),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of all randomness.")]
+PitchUm = Annotated[
+    str | None,
+    typer.Option("--pitch-um", metavar="DX [DY]", help="Pixel pitch in µm; wins over what the file says."),
+]
+ZScale = Annotated[
+    float | None,
+    typer.Option("--z-scale", help="µm per stored number (metres: 1e6); wins over the unit in the file."),
+]
+ZRange = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--z-range", metavar="LO HI", help="Heights in µm of the lowest and the highest grey level (PNG)."),
+]
+Fill = Annotated[
+    str | None,
+    typer.Option("--fill", metavar="zero|nearest|UM", help="What to put where nothing was measured (NaN)."),
+]
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def check_outputs(*paths: Path | None, overwrite: bool) -> None:
@@ -24,7 +43,8 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
     Raises
     ------
     InputError
-        The folder is missing, the path is a folder, two outputs share a path, or the file exists without ``--overwrite``.
+        The folder is missing, the path is a folder, two outputs share a path, or the file exists without
+        ``--overwrite``.
     """
     wanted = [path for path in paths if path is not None]
     for path in wanted:
@@ -36,3 +56,32 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
             raise InputError("exists already", where=path, key="output", allowed="allowed with --overwrite")
     if len({path.resolve() for path in wanted}) < len(wanted):
         raise InputError("named for two outputs", where=wanted[-1], key="output", allowed="one file each")
+
+
+def joined_pairs(arguments: list[str]) -> list[str]:
+    """Join the two numbers of ``--pitch-um DX DY``: a parser takes one value or two, not either.
+
+    >>> joined_pairs(["in.tif", "--pitch-um", "0.1", "0.2", "out.tif"])
+    ['in.tif', '--pitch-um', '0.1,0.2', 'out.tif']
+    """
+    joined: list[str] = []
+    for argument in arguments:
+        if joined[-2:-1] == ["--pitch-um"] and all(_NUMBER.fullmatch(text) for text in (joined[-1], argument)):
+            joined[-1] += f",{argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+def pitch(text: str | None) -> tuple[float, ...] | None:
+    """Return the numbers of ``--pitch-um``; the reader checks their size.
+
+    >>> pitch("0.1"), pitch("0.1,0.2"), pitch(None)
+    ((0.1,), (0.1, 0.2), None)
+    """
+    if text is None:
+        return None
+    try:
+        return tuple(float(number) for number in re.split(r"[,\s]+", text.strip()))
+    except ValueError:
+        raise InputError(f"found {text}", key="--pitch-um", allowed="allowed: one or two numbers of µm") from None

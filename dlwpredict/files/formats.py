@@ -102,19 +102,26 @@ class Stored:
         return (low + heights * ((high - low) / self.top_level)) * (1.0 if z_scale is None else z_scale)
 
 
+def unmarked(height_map: HeightMap) -> list[str]:
+    """Return the remark of a format that cannot keep the mask of filled points."""
+    count = 0 if height_map.filled is None else int(height_map.filled.sum())
+    return [f"{count} filled points are no longer marked as such (.tif keeps the marks)"] if count else []
+
+
 @dataclass(frozen=True)
 class Format:
     """A height-map format: its endings, its reader and its writer.
 
     ``read(path, pitch_um)`` gives `Stored`; the pitch is what the user asked for, or None. ``write(path,
     height_map, **knobs)`` writes to a path that is renamed into place afterwards. Both raise `InputError`
-    without naming the file: the caller does.
+    without naming the file: the caller does. The writer returns remarks on what
+    the format could not keep.
     """
 
     name: str
     endings: tuple[str, ...]
     read: Callable[[Path, Pair | None], Stored] | None = None
-    write: Callable[..., None] | None = None
+    write: Callable[..., list[str]] | None = None
 
 
 @functools.cache

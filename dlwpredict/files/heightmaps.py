@@ -41,15 +41,21 @@ def read_height_map(
     path = Path(path)
     with blaming(path):
         pitch = _pair(pitch_um)
-        _check_numbers(z_scale, z_range_um)
+        _check_scale(z_scale)
+        _check_range(z_range_um)
         chosen = format_of(path, "read")
         _check_readable(path)
         stored = chosen.read(path, pitch)
         return stored.height_map(pitch_um=pitch, z_scale=z_scale, z_range_um=z_range_um)
 
 
-def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> None:
+def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> list[str]:
     """Write a height map whole or not at all; the ending decides the format, ``knobs`` go to its writer.
+
+    Returns
+    -------
+    list of str
+        Remarks on what the format could not keep (pitch, marks, heights lifted).
 
     Raises
     ------
@@ -60,7 +66,7 @@ def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> N
     with blaming(path):
         chosen = format_of(path, "write")
         with replacing(path) as temporary:
-            chosen.write(temporary, height_map, **knobs)
+            return chosen.write(temporary, height_map, **knobs)
 
 
 def _pair(pitch_um: float | tuple[float, ...] | None) -> tuple[float, float] | None:
@@ -74,9 +80,12 @@ def _pair(pitch_um: float | tuple[float, ...] | None) -> tuple[float, float] | N
     return float(values[0]), float(values[-1])
 
 
-def _check_numbers(z_scale: float | None, z_range_um: tuple[float, float] | None) -> None:
+def _check_scale(z_scale: float | None) -> None:
     if z_scale is not None and not (np.isfinite(z_scale) and z_scale != 0):
         raise InputError(f"found {z_scale:g}", key="--z-scale", allowed="allowed: a finite number, not 0")
+
+
+def _check_range(z_range_um: tuple[float, float] | None) -> None:
     if z_range_um is not None and not (np.isfinite(z_range_um).all() and z_range_um[0] < z_range_um[1]):
         found = " ".join(f"{value:g}" for value in z_range_um)
         raise InputError(f"found {found}", key="--z-range", allowed="allowed: two numbers of µm, the lower one first")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored
+from dlwpredict.files.formats import Format, Pair, Stored, unmarked
 from dlwpredict.heightmap import HeightMap
 
 
@@ -31,10 +31,12 @@ def read_npy(path: Path, pitch_um: Pair | None) -> Stored:
     return Stored(numbers)
 
 
-def write_npy(path: Path, height_map: HeightMap) -> None:
+def write_npy(path: Path, height_map: HeightMap) -> list[str]:
     """Write the heights in µm as float64, NaN kept."""
     with path.open("wb") as stream:
         np.lib.format.write_array(stream, height_map.heights_um, allow_pickle=False)
+    pitch = f"{height_map.dx_um:g} {height_map.dy_um:g}"
+    return [f"holds no pitch, read it with --pitch-um {pitch}", *unmarked(height_map)]
 
 
 FORMAT = Format("NumPy matrix", (".npy",), read_npy, write_npy)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, um_per
+from dlwpredict.files.formats import Format, Pair, Stored, um_per, unmarked
 from dlwpredict.files.key_lines import key_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
@@ -46,7 +46,7 @@ def read_png(path: Path, pitch_um: Pair | None) -> Stored:
     return Stored(levels, **facts, z_range_um=low_high, top_level=_TOP_LEVEL[mode])
 
 
-def write_png(path: Path, height_map: HeightMap, *, z_range_um: Pair | None = None) -> None:
+def write_png(path: Path, height_map: HeightMap, *, z_range_um: Pair | None = None) -> list[str]:
     """Write 16-bit levels over the given range, or over lowest to highest height.
 
     Raises
@@ -61,6 +61,8 @@ def write_png(path: Path, height_map: HeightMap, *, z_range_um: Pair | None = No
     if missing := int(np.isnan(heights).sum()):
         raise InputError(f"{missing} points not measured", key="heights", allowed="a PNG has no NaN: use --fill")
     low, high = z_range_um or (float(heights.min()), float(heights.max()))
+    if not low <= high:
+        raise InputError(f"found {low:g} {high:g}", key="--z-range", allowed="allowed: the lower one first")
     if heights.min() < low or heights.max() > high:
         raise InputError(
             f"heights {heights.min():.6g} to {heights.max():.6g} µm",
@@ -76,6 +78,7 @@ def write_png(path: Path, height_map: HeightMap, *, z_range_um: Pair | None = No
     for key, value in lines.items():
         info.add_text(key, value)
     Image.fromarray(levels).save(path, format="PNG", pnginfo=info)
+    return unmarked(height_map)
 
 
 def _gwyddion(text: dict[str, str], names: tuple[str, str], unit: str) -> Pair | None:

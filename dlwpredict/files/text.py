@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, um_per
+from dlwpredict.files.formats import Format, Pair, Stored, um_per, unmarked
 from dlwpredict.files.key_lines import key_lines, parse_lines, stored_facts
 from dlwpredict.files.text_matrix import matrix_of, without_axes
 from dlwpredict.heightmap import HeightMap
@@ -46,7 +46,7 @@ def read_text(path: Path, pitch_um: Pair | None) -> Stored:
     return Stored(numbers, **{"pitch_um": axes_pitch, **facts})
 
 
-def write_text(path: Path, height_map: HeightMap) -> None:
+def write_text(path: Path, height_map: HeightMap) -> list[str]:
     """Write heights that read back exactly, pitch and unit in ``#`` lines; commas in ``.csv``, else tabs."""
     delimiter = "," if ".csv" in path.suffixes[-2:] else "\t"
     lines = ["# height map, row 0 on top (y upwards); nan = not measured"]
@@ -54,6 +54,7 @@ def write_text(path: Path, height_map: HeightMap) -> None:
     lines += [delimiter.join(map(repr, row)) for row in height_map.heights_um.tolist()]
     content = ("\n".join(lines) + "\n").encode()
     path.write_bytes(gzip.compress(content, mtime=0) if path.suffix == ".gz" else content)
+    return unmarked(height_map)
 
 
 def _text(path: Path) -> str:

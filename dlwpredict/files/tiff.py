@@ -53,7 +53,7 @@ def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
     return Stored(numbers, **facts, filled=_unpacked(tags.get(FILLED_TAG), numbers.shape))
 
 
-def write_tiff(path: Path, height_map: HeightMap) -> None:
+def write_tiff(path: Path, height_map: HeightMap) -> list[str]:
     """Write heights as float32, NaN kept; no time stamp, so equal maps give equal bytes."""
     lines, extra = {"unit": "um", **key_lines(height_map)}, []
     if height_map.filled is not None:
@@ -69,6 +69,7 @@ def write_tiff(path: Path, height_map: HeightMap) -> None:
         extratags=extra,
         software="dlwpredict",
     )
+    return []
 
 
 def _require_one_plane(file: tifffile.TiffFile) -> None:

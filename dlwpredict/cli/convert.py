@@ -1,0 +1,60 @@
+"""``dlwpredict convert``: a height map from one file format to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dlwpredict.cli import options
+from dlwpredict.cli.console import say, warn
+from dlwpredict.errors import InputError, blaming
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.formats import format_of
+from dlwpredict.files.plausibility import plausibility
+from dlwpredict.missing import fill_missing
+
+COMMAND = "convert"
+
+
+def run(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Height map to read.", show_default=False)],
+    target: Annotated[Path | None, typer.Argument(metavar="OUT", help="Height map to write.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="OUT, given as an option.")] = None,
+    pitch_um: options.PitchUm = None,
+    z_scale: options.ZScale = None,
+    z_range: options.ZRange = None,
+    fill: options.Fill = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Convert a height map; the endings decide the formats. --z-range belongs to IN if that is a PNG, else to OUT.
+
+    $ dlwpredict convert scan.txt scan.tif --pitch-um 0.1 --z-scale 1e6
+    """
+    if (target is None) == (output is None):
+        raise typer.BadParameter("give OUT once: as second argument or with -o")
+    target = target or output
+    options.check_outputs(target, overwrite=overwrite)
+    with blaming(target):
+        writer = format_of(target, "write")
+    asked, knobs = _range_where_it_belongs(source, target, z_range)
+    height_map = read_height_map(source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked)
+    say(f"{source}: {height_map.summary()}")
+    for warning in plausibility(height_map):
+        warn(f"{source}: {warning}")
+    if fill is not None:
+        height_map = fill_missing(height_map, fill)
+    remarks = write_height_map(target, height_map, **knobs)
+    say(f"{target}: {writer.name} written")
+    for remark in remarks:
+        warn(f"{target}: {remark}")
+
+
+def _range_where_it_belongs(source: Path, target: Path, z_range: Any) -> tuple[Any, dict[str, Any]]:
+    """Return the range for reading, and what the writer is told."""
+    if z_range is None or source.suffix.lower() == ".png":
+        return z_range, {}
+    if target.suffix.lower() != ".png":
+        raise InputError("neither file is a PNG", where=source, key="--z-range", allowed="allowed for .png only")
+    return None, {"z_range_um": z_range}

@@ -1,0 +1,54 @@
+"""``dlwpredict export-stl``: the solid under a height map, for the printer's slicer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dlwpredict.cli import options
+from dlwpredict.cli.console import say, warn
+from dlwpredict.errors import InputError, blaming
+from dlwpredict.files import read_height_map
+from dlwpredict.files.atomic import replacing
+from dlwpredict.files.stl import write_solid
+from dlwpredict.mesh import solid_of
+from dlwpredict.missing import fill_missing
+
+COMMAND = "export-stl"
+
+
+def run(
+    height_map: Annotated[Path, typer.Argument(help="Height map, z = 0 on the substrate.", show_default=False)],
+    output: options.Output,
+    fill: options.Fill = None,
+    base_um: Annotated[float, typer.Option("--base-um", help="Thickness of a plate under the whole map.")] = 0.0,
+    min_thickness_um: Annotated[
+        float, typer.Option("--min-thickness-um", help="What stands is at least this high: one slice.")
+    ] = 0.1,
+    pitch_um: options.PitchUm = None,
+    z_scale: options.ZScale = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Write a watertight binary STL (µm, flat base at z = 0); nothing is written where the height is 0.
+
+    $ dlwpredict export-stl corrected.tif -o part.stl
+    """
+    options.check_outputs(output, overwrite=overwrite)
+    if output.suffix.lower() != ".stl":
+        raise InputError(f"found {output.suffix or 'no ending'}", where=output, key="format", allowed="allowed: .stl")
+    part = read_height_map(height_map, pitch_um=options.pitch(pitch_um), z_scale=z_scale)
+    with blaming(height_map):
+        if fill is not None:
+            part = fill_missing(part, fill)
+        solid = solid_of(part, base_um=base_um, min_thickness_um=min_thickness_um)
+    with blaming(output), replacing(output) as temporary:
+        write_solid(temporary, solid)
+    for remark in solid.remarks:
+        warn(f"{height_map}: {remark}")
+    (x0, y0, _), (x1, y1, top) = solid.vertices_um.min(axis=0), solid.vertices_um.max(axis=0)
+    say(
+        f"{output}: watertight, {len(solid.faces)} triangles, x {x0:.5g} to {x1:.5g}, y {y0:.5g} to {y1:.5g}, "
+        f"z 0 to {top:.4g} µm, volume {solid.volume_um3:.6g} µm³"
+    )
