@@ -24,6 +24,8 @@ class Declaration:
         One line for the user.
     fitted : bool
         False for settings that a fit must not touch (a writing direction, a photon order).
+    typical : float, optional
+        For parameters that switch an effect on: a typical size. The effect is off while all of them keep their default.
     """
 
     unit: str
@@ -31,13 +33,21 @@ class Declaration:
     high: float
     meaning: str
     fitted: bool = True
+    typical: float | None = None
 
 
 def declare(
-    default: float, unit: str, low: float, high: float, meaning: str, *, fitted: bool = True
+    default: float,
+    unit: str,
+    low: float,
+    high: float,
+    meaning: str,
+    *,
+    fitted: bool = True,
+    typical: float | None = None,
 ) -> Any:  # a dataclass field
     """Declare a parameter: default, unit, allowed range and meaning in one place."""
-    return field(default=default, metadata={"declaration": Declaration(unit, low, high, meaning, fitted)})
+    return field(default=default, metadata={"declaration": Declaration(unit, low, high, meaning, fitted, typical)})
 
 
 def declarations(holder: Any) -> dict[str, tuple[float, Declaration]]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from scipy import fft, ndimage, signal
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import brentq
 
 FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
@@ -13,6 +15,9 @@ FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
 
 REACH_SIGMAS = 5.0
 """Kernels end here; the mass beyond is 6e-7."""
+
+COARSE_PIXELS_PER_SIGMA = 5.0
+"""A wide Gaussian leaves nothing finer than this many pixels per standard deviation can hold."""
 
 _LONG_KERNEL = 129
 """Taps above which convolution goes through Fourier space."""
@@ -82,10 +87,42 @@ def blur(planes: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray
     return planes
 
 
+def block_mean(plane: np.ndarray, factors: Sequence[int]) -> np.ndarray:
+    """Average over blocks of whole pixels, (rows, cols) per block; the plane must hold whole blocks."""
+    rows, cols = (n // m for n, m in zip(plane.shape, factors, strict=True))
+    return plane.reshape(rows, factors[0], cols, factors[1]).mean(axis=(1, 3))
+
+
+def spline_matrix(positions: np.ndarray, size: int) -> np.ndarray:
+    """Return the matrix (positions, size) of cubic-spline interpolation from nodes 0 … size − 1."""
+    return make_interp_spline(np.arange(size), np.eye(size), k=3)(positions)
+
+
+def wide_blur(plane: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray:
+    """Do what `blur` does, to about 1e-4, on pixels no finer than a wide Gaussian needs."""
+    sigmas = (sigma_y_px, sigma_x_px)
+    factors = [max(int(s / COARSE_PIXELS_PER_SIGMA), 1) for s in sigmas]
+    if factors == [1, 1]:
+        return blur(plane, *sigmas)
+    padding = [(4 * m, 4 * m + (-n) % m) for n, m in zip(plane.shape, factors, strict=True)]
+    # averaging over m pixels already widens by (m² − 1)/12 pixels²
+    rest = [np.sqrt(s**2 - (m**2 - 1) / 12) / m for s, m in zip(sigmas, factors, strict=True)]
+    coarse = blur(block_mean(np.pad(plane, padding), factors), *rest)
+    rows, cols = (_back(n, m, size) for n, m, size in zip(plane.shape, factors, coarse.shape, strict=True))
+    return rows @ coarse @ cols.T
+
+
+@lru_cache(maxsize=16)
+def _back(count: int, factor: int, size: int) -> np.ndarray:
+    """Return the matrix (count, size) from coarse pixels, four of them in front, back to fine ones."""
+    return spline_matrix((np.arange(count) + 4 * factor + 0.5) / factor - 0.5, size)
+
+
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
     """Convolve the last two axes with a Gaussian of any orientation; outside the array there is nothing.
 
-    The transfer function exp(−2π² fᵀΣf) is applied on a frame widened by the kernel's reach.
+    The transfer function exp(−2π² fᵀΣf), times what `gaussian_taps` make of a Gaussian along each axis, is applied on a
+    frame widened by the kernel's reach. Without correlation this is `blur`, and it tends to it.
 
     Parameters
     ----------
@@ -93,11 +130,72 @@ def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
     covariance_px : numpy.ndarray, shape (2, 2)
         Covariance in pixels², order (x, y) with y upwards.
     """
-    rows, cols = planes.shape[-2:]
-    reach = int(np.ceil(REACH_SIGMAS * np.sqrt(np.max(np.diag(covariance_px)))))
-    shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, cols)]
-    fx, fy = np.meshgrid(fft.rfftfreq(shape[1]), -fft.fftfreq(shape[0]))
     (xx, xy), (_, yy) = covariance_px
+    rows, cols = planes.shape[-2:]
+    reach = int(np.ceil(REACH_SIGMAS * np.sqrt(max(xx, yy))))
+    shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, cols)]
+    fx, fy = fft.rfftfreq(shape[1]), -fft.fftfreq(shape[0])[:, None]
     transfer = np.exp(-2 * np.pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2))
-    spectrum = fft.rfft2(planes, shape, workers=-1) * transfer
-    return fft.irfft2(spectrum, shape, workers=-1)[..., :rows, :cols]
+    transfer *= _sampling(np.sqrt(xx), fx) * _sampling(np.sqrt(yy), fy)
+    return fft.irfft2(fft.rfft2(planes, shape) * transfer, shape)[..., :rows, :cols]
+
+
+def _sampling(sigma_px: float, frequency: np.ndarray) -> np.ndarray:
+    """Return the transfer of `gaussian_taps` over that of the Gaussian; 1 where neither passes anything."""
+    taps = gaussian_taps(float(sigma_px))
+    n = np.arange(len(taps)) - len(taps) // 2
+    ideal = np.exp(-2 * (np.pi * sigma_px * frequency) ** 2)
+    actual = np.cos(2 * np.pi * frequency[..., None] * n) @ taps
+    return np.where(ideal > 1e-5, actual / np.maximum(ideal, 1e-5), 1.0)
+
+
+LAG_REACH = 12.0
+"""A one-sided exponential ends after this many of its lengths; what lies beyond is 6e-6."""
+
+
+def lag(planes: np.ndarray, length_px: float, axis: int) -> np.ndarray:
+    """Convolve one axis with k(s) = e^(−s/ℓ)/ℓ, s·ℓ > 0: a delay of mean ℓ towards higher indices where ℓ > 0.
+
+    Its transfer function 1/(1 + 2πi f ℓ) keeps the mean shift and the variance ℓ² exact below one pixel too. Meant for
+    planes that are smooth on the scale of a pixel.
+
+    Parameters
+    ----------
+    planes : numpy.ndarray
+        Outside there is nothing.
+    length_px : float
+        ℓ in pixels.
+    axis : int
+    """
+    count = planes.shape[axis]
+    shape = fft.next_fast_len(count + int(np.ceil(LAG_REACH * abs(length_px))) + 8, real=True)
+    transfer = 1 / (1 + 2j * np.pi * fft.rfftfreq(shape) * length_px)
+    lines = np.moveaxis(planes, axis, -1)
+    delayed = fft.irfft(fft.rfft(lines, shape) * transfer, shape)[..., :count]
+    return np.moveaxis(delayed, -1, axis)
+
+
+def trailing_mean(planes: np.ndarray, length_px: float, axis: int) -> np.ndarray:
+    """Average what lies before each pixel's centre, with weight e^(−s/L)/L at the distance s.
+
+    Values are constant over a pixel; the own pixel counts with its first half. Exact at every pitch, never negative,
+    1 far inside ones, and nothing acts backwards.
+
+    Parameters
+    ----------
+    planes : numpy.ndarray
+        Outside there is nothing.
+    length_px : float
+        L > 0 in pixels; before = lower indices.
+    axis : int
+
+    Examples
+    --------
+    >>> trailing_mean(np.array([[0.0, 1.0, 1.0, 0.0]]), 2.0, axis=1).round(3).tolist()
+    [[0.0, 0.221, 0.528, 0.492]]
+    """
+    half, whole = np.exp(-0.5 / length_px), np.exp(-1 / length_px)
+    ended = signal.lfilter([1 - whole], [1, -whole], planes, axis=axis)
+    before = np.moveaxis(np.zeros(ended.shape), axis, -1)
+    before[..., 1:] = np.moveaxis(ended, axis, -1)[..., :-1]
+    return half * np.moveaxis(before, -1, axis) + (1 - half) * planes

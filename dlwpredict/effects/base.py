@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Crosslinked, Dose, Focus
 from dlwpredict.parameters import check_range, declarations, declare
@@ -22,6 +22,10 @@ class Effect:
 
     Every parameter is declared on its field; at the defaults the effect is the identity. A subclass names itself in the
     class variables and is found by being a file in this folder.
+
+    Parameters declared with a typical size switch the effect on: while all of them stand at their defaults it hands its
+    state on untouched, whatever its other parameters say. `isotropic` says whether, with settings at their
+    defaults, a turned or mirrored structure is changed alike.
     """
 
     name: ClassVar[str]
@@ -31,17 +35,39 @@ class Effect:
     stage: ClassVar[str]
     source: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
+    separated_by: ClassVar[str]
+    isotropic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name, (_, declaration) in declarations(self).items():
             check_range(f"{self.name}.{name}", getattr(self, name), declaration)
+        if getattr(self, "direction", 1.0) not in (-1.0, 1.0):
+            raise InputError(f"found {self.direction:g}", key=f"{self.name}.direction", allowed="allowed: 1 or -1")
+
+    @classmethod
+    def switches(cls) -> dict[str, float]:
+        """Return the parameters that switch the effect on, each with a typical size."""
+        return {name: d.typical for name, (_, d) in declarations(cls).items() if d.typical is not None}
+
+    @property
+    def off(self) -> bool:
+        """Whether nothing switches the effect on."""
+        return all(getattr(self, name) == declarations(self)[name][0] for name in self.switches())
+
+    def __call__(self, state: Any) -> Any:
+        """Return the changed state; the same object while the effect is off."""
+        return state if self.off else self.act(state)
+
+    def act(self, state: Any) -> Any:
+        """Return the changed state."""
+        raise TypeError(f"{type(self).__name__} has no formula")
 
 
 @dataclass(frozen=True)
 class MapEffect(Effect):
     """An effect on a height map: of the target, of the printed surface, or of the recording."""
 
-    def __call__(self, state: HeightMap) -> HeightMap:
+    def act(self, state: HeightMap) -> HeightMap:
         """Return the changed map."""
         return state.with_heights(self.heights(state))
 
@@ -54,20 +80,20 @@ class MapEffect(Effect):
 class DoseEffect(Effect):
     """An effect on the local focus intensity, D(x, y, z); 1 = nominal.
 
-    It acts through two channels: the threshold (exposure · Dᴺ ≥ P) and, as far as the resin's η lets it, the degree
-    of conversion.
+    It acts through two channels: the threshold, as Dᴺ under the convolution with the focus, and, as far as the
+    resin's η lets it, the degree of conversion.
     """
 
     stage: ClassVar[str] = "dose"
     conversion: float = declare(0.0, "1", 0.0, 1.0, "eta: share of the dose change that reaches cross-linking")
 
-    def __call__(self, state: Dose) -> Dose:
+    def act(self, state: Dose) -> Dose:
         """Return the dose with this intensity as one more factor; η belongs to the resin and is shared."""
-        at = partial(self.intensity, state.written)
-        return replace(state, intensity=(*state.intensity, at), conversion=max(state.conversion, self.conversion))
+        conversion = max(state.conversion, self.conversion)
+        return replace(state, intensity=(*state.intensity, self.intensity), conversion=conversion)
 
     def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
-        """Return D over the plane at height z, shape (rows, cols)."""
+        """Return D while the layer at height z is written, on the whole plane, shape (rows, cols)."""
         raise TypeError(f"{type(self).__name__} has no formula")
 
 
@@ -77,12 +103,12 @@ class ThresholdEffect(Effect):
 
     stage: ClassVar[str] = "dose"
 
-    def __call__(self, state: Dose) -> Dose:
+    def act(self, state: Dose) -> Dose:
         """Return the dose with one more factor on the threshold."""
-        return replace(state, threshold_factor=(*state.threshold_factor, partial(self.factor, state.written)))
+        return replace(state, threshold_factor=(*state.threshold_factor, self.factor))
 
     def factor(self, written: HeightMap, z_um: float) -> np.ndarray:
-        """Return the factor on P over the plane at height z, shape (rows, cols)."""
+        """Return the factor on P of the resin at height z, shape (rows, cols)."""
         raise TypeError(f"{type(self).__name__} has no formula")
 
 
@@ -92,7 +118,7 @@ class FocusEffect(Effect):
 
     stage: ClassVar[str] = "dose"
 
-    def __call__(self, state: Dose) -> Dose:
+    def act(self, state: Dose) -> Dose:
         """Return the dose with every part of the focus reshaped."""
         return replace(state, focus=tuple(new for part in state.focus for new in self.reshape(part)))
 
@@ -107,7 +133,7 @@ class CurveEffect(Effect):
 
     stage: ClassVar[str] = "crosslink"
 
-    def __call__(self, state: Crosslinked) -> Crosslinked:
+    def act(self, state: Crosslinked) -> Crosslinked:
         """Return the state with one more curve."""
         return state.with_curve(self.curve)
 

@@ -7,24 +7,26 @@ map e(x, y) again, and the same holds for cross-linking. This is the limit that 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.interpolate import make_interp_spline
 from scipy.special import ndtr, ndtri
 
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
-from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur
+from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_SIGMAS, block_mean, blur, spline_matrix
 
 LEVEL_STEP_SIGMAS = 0.6
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
 
-COARSE_PIXELS_PER_SIGMA = 5.0
-"""Cross-linking is computed on pixels this fine against its lateral standard deviation."""
+LAYER_SIGMAS = 0.3
+"""Layers of local conversion are this thick in axial standard deviations of cross-linking."""
+
+ABOVE_SIGMAS = 2.5
+"""Levels end this many axial standard deviations above the part where the local dose can lift its surface."""
 
 TILE_PX = 192
 _TINY = 1e-12
@@ -46,27 +48,33 @@ class Levels:
         """Solve exposure = threshold for the height of every column.
 
         Per tile: levels z_k that span the tile's heights, E_k = Σ weight · G_xy ⊛ Φ((h − z_k)/s_z), then the root of
-        ndtri(E) − ndtri(P') between levels, by a cubic. P' is the threshold over the local relative dose.
+        ndtri(E/D) − ndtri(P/D) between levels, by a cubic. Where the dose differs from layer to layer, Φ becomes the
+        sum over the layers, and D is the dose of the column's last layer.
         """
         written = dose.written
         heights = written.heights_um
         if reference == "structure_maximum":
-            threshold = threshold * float(_exposure(dose.focus, heights, 0.0, written).max())
-        tile = max(written.shape) if dose.intensity or dose.threshold_factor else TILE_PX
+            nominal = _Exposure(dose.focus, heights, written.dx_um, written.dy_um)
+            threshold = threshold * float(nominal.at(0.0).max())
+        step = LEVEL_STEP_SIGMAS * min(part.sigma_z_um(0.0) for part in dose.focus)
+        layers, thresholds = _local(dose, step, self.threads)
         reach = [_reach_px(dose.focus, pitch) for pitch in (written.dy_um, written.dx_um)]
         surface = np.zeros(written.shape)
 
         def solve(corner: tuple[int, int]) -> None:
-            inner = tuple(slice(start, start + tile) for start in corner)
-            outer = tuple(slice(max(start - r, 0), start + tile + r) for start, r in zip(corner, reach, strict=True))
+            inner = tuple(slice(start, start + TILE_PX) for start in corner)
+            outer = tuple(slice(max(start - r, 0), start + TILE_PX + r) for start, r in zip(corner, reach, strict=True))
             part = heights[outer]
             if part.any():
-                found = _surface_of_tile(dose, part, threshold)
+                columns = None if layers is None else Columns(layers[outer], part, from_glass=True)
+                exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns)
+                local = threshold if thresholds is None else threshold * thresholds[outer].weights
+                found = _surface_of_tile(exposure, local, step)
                 offset = [s.start - o.start for s, o in zip(inner, outer, strict=True)]
                 rows, cols = surface[inner].shape
                 surface[inner] = found[offset[0] : offset[0] + rows, offset[1] : offset[1] + cols]
 
-        corners = [(r, c) for r in range(0, written.shape[0], tile) for c in range(0, written.shape[1], tile)]
+        corners = [(r, c) for r in range(0, written.shape[0], TILE_PX) for c in range(0, written.shape[1], TILE_PX)]
         with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(solve, corners))
         return Exposed(written.with_heights(surface), dose)
@@ -92,47 +100,84 @@ class Levels:
 
 
 def _reach_px(focus: tuple[Focus, ...], pitch_um: float) -> int:
-    widest = max(max(part.fwhm_x_um, part.fwhm_y_um) for part in focus)
-    return int(np.ceil(REACH_SIGMAS * widest / FWHM_PER_SIGMA / pitch_um)) + 1
+    return int(np.ceil(max(part.reach_um for part in focus) / pitch_um)) + 1
 
 
-def _exposure(focus: tuple[Focus, ...], heights: np.ndarray, z_um: float, grid: HeightMap) -> np.ndarray:
-    """Return the nominal exposure at one level, 1 inside a large block; nothing is written where h = 0."""
-    written = heights > 0
-    return sum(
-        part.weight
-        * part.spread(np.where(written, ndtr((heights - z_um) / part.sigma_z_um(z_um)), 0.0), grid.dx_um, grid.dy_um)
-        for part in focus
+def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers | None]:
+    """Return the relative dose and the relative threshold on layers, None where they are 1 throughout."""
+    top = float(dose.written.heights_um.max())
+    room = ABOVE_SIGMAS * max(part.sigma_z_um(top) for part in dose.focus) + 3 * step
+    return (
+        Layers.of(dose.relative_dose, top, step, threads) if dose.intensity else None,
+        Layers.of(dose.relative_threshold, top + room, step, threads) if dose.threshold_factor else None,
     )
 
 
-def _surface_of_tile(dose: Dose, heights: np.ndarray, threshold: float) -> np.ndarray:
-    """Return the exposed height over one tile (rows, cols), from four successive levels around each crossing."""
-    levels = _levels_around(dose, heights, threshold)
-    surface = np.zeros(heights.shape)
+@dataclass(frozen=True, eq=False)
+class _Exposure:
+    """The exposure of a height map (rows, cols): 1 inside a large block at nominal dose, 0 where nothing is written."""
+
+    focus: tuple[Focus, ...]
+    heights_um: np.ndarray
+    dx_um: float
+    dy_um: float
+    columns: Columns | None = None
+
+    def at(self, z_um: float) -> np.ndarray:
+        """Return the exposure at one level."""
+
+        def axial(sigma_um: float) -> np.ndarray:
+            if self.columns is not None:
+                return self.columns.convolved(z_um, sigma_um)
+            return np.where(self.heights_um > 0, ndtr((self.heights_um - z_um) / sigma_um), 0.0)
+
+        return self._spread(lambda part: axial(part.sigma_z_um(z_um)))
+
+    def last_dose(self) -> np.ndarray | float:
+        """Return the relative dose of the last layers as the focus sees it."""
+        if self.columns is None:
+            return 1.0
+        written = (self.heights_um > 0).astype(float)
+        nominal = np.maximum(self._spread(lambda part: written), _TINY)
+        return np.maximum(self._spread(lambda part: self.columns.top) / nominal, _TINY)
+
+    def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
+        return sum(part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um) for part in self.focus)
+
+
+def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: float) -> np.ndarray:
+    """Return the exposed height over one tile (rows, cols), from four successive levels around each crossing.
+
+    The threshold is one number, or a stack over the levels j · step, j ≥ 0.
+    """
+    first, last = _levels_around(exposure, np.min(threshold), step)
+    dose = exposure.last_dose()
+    surface = np.zeros(exposure.heights_um.shape)
     exposures: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
-    for k, z in enumerate(levels):
-        exposures = [*exposures[-3:], _exposure(dose.focus, heights, z, dose.written)]
-        wanted = [*wanted[-3:], np.asarray(threshold * dose.relative_threshold(max(z, 0.0)))]
-        if k < 3:
+    for k in range(first, last):
+        local = threshold[np.clip(k, 0, len(threshold) - 1)] if np.ndim(threshold) else threshold
+        exposures = [*exposures[-3:], exposure.at(k * step) / dose]
+        wanted = [*wanted[-3:], np.asarray(local / dose)]
+        if k < first + 3:
             continue
         crossing = (exposures[1] >= wanted[1]) & (exposures[2] < wanted[2])
         if crossing.any():
             inside = _cubic_root(*(_margin(e, w, crossing) for e, w in zip(exposures, wanted, strict=True)))
-            surface[crossing] = levels[k - 2] + inside * (levels[1] - levels[0])
+            surface[crossing] = (k - 2 + inside) * step
     return np.maximum(surface, 0.0)
 
 
-def _levels_around(dose: Dose, heights: np.ndarray, threshold: float) -> np.ndarray:
-    """Return levels that enclose every crossing: exposure is level 4 s_z below the lowest written height."""
-    finest = min(part.sigma_z_um(0.0) for part in dose.focus)
-    widest = max(part.sigma_z_um(heights.max()) for part in dose.focus)
-    step = LEVEL_STEP_SIGMAS * finest
-    varying = bool(dose.intensity or dose.threshold_factor)
-    above = 5 * widest if varying else max(-ndtri(threshold) * widest, 0.0)
+def _levels_around(exposure: _Exposure, threshold: float, step: float) -> tuple[int, int]:
+    """Return the range of levels that encloses every crossing: exposure is level 4 s_z below the lowest height.
+
+    All tiles share one grid of levels, with and without effects, so that neither leaves a trace in the result.
+    """
+    heights = exposure.heights_um
+    widest = max(part.sigma_z_um(heights.max()) for part in exposure.focus)
+    above = ABOVE_SIGMAS * widest if exposure.columns is not None else max(-ndtri(threshold) * widest, 0.0)
     low = max(heights[heights > 0].min() - 4 * widest, 0.0)
-    return low + step * np.arange(-1, np.ceil((heights.max() + above - low) / step) + 3)
+    return int(low / step) - 1, int(np.ceil((heights.max() + above) / step)) + 3
 
 
 def _margin(exposure: np.ndarray, wanted: np.ndarray, where: np.ndarray) -> np.ndarray:
@@ -165,7 +210,6 @@ def _crosslink_stack(
     """Return m_cl (level, coarse rows, coarse cols) and the matrices that interpolate rows and columns back."""
     surface = crosslinked.exposed.surface
     sigma_um = crosslinked.fwhm_xy_um / FWHM_PER_SIGMA
-    sigma_z = crosslinked.fwhm_z_um / FWHM_PER_SIGMA
     pitches = (surface.dy_um, surface.dx_um)
     factors = [max(int(sigma_um / COARSE_PIXELS_PER_SIGMA / pitch), 1) for pitch in pitches]
     # averaging over m pixels already widens by (m² − 1)/12 pixels²
@@ -173,43 +217,26 @@ def _crosslink_stack(
     reach = [int(np.ceil(2 * REACH_SIGMAS * s / 5)) + 2 for s in sigmas]
     padding = [(m * r, m * r + (-n) % m) for n, m, r in zip(surface.shape, factors, reach, strict=True)]
     heights = np.pad(surface.heights_um, padding)
-    source = _source(crosslinked.exposed.dose, heights, padding, sigma_z)
+    source = _source(crosslinked, heights, padding, factors, threads)
     with ThreadPoolExecutor(threads) as pool:
-        stack = np.stack(list(pool.map(lambda z: blur(_block_mean(source(z), factors), *sigmas), levels)))
+        stack = np.stack(list(pool.map(lambda z: blur(source(z), *sigmas), levels)))
     matrices = [
-        _interpolation((np.arange(n) + before + 0.5) / m - 0.5, size)
+        spline_matrix((np.arange(n) + before + 0.5) / m - 0.5, size)
         for n, (before, _), m, size in zip(surface.shape, padding, factors, stack.shape[1:], strict=True)
     ]
     return stack, *matrices
 
 
-def _source(dose: Dose, heights: np.ndarray, padding: list[tuple[int, int]], sigma_z: float):
-    """Return the function of ζ: axial convolution of the exposed resin, weighted by its conversion, at level ζ."""
-    if not (dose.conversion and dose.intensity):
-        return lambda z: ndtr(z / sigma_z) - ndtr((z - heights) / sigma_z)
-    count = max(int(np.ceil(heights.max() / (0.35 * sigma_z))), 4)
-    edges = np.linspace(0, heights.max(), count + 1)
-    tops = [np.minimum(heights, edge) for edge in edges]
-    weights = [
-        np.pad(np.broadcast_to(dose.source_weight((a + b) / 2), dose.written.shape), padding, mode="edge")
-        for a, b in pairwise(edges)
-    ]
-
-    def at(z: float) -> np.ndarray:
-        steps = [ndtr((z - top) / sigma_z) for top in tops]
-        return sum(w * (below - above) for w, (below, above) in zip(weights, pairwise(steps), strict=True))
-
-    return at
-
-
-def _block_mean(plane: np.ndarray, factors: list[int]) -> np.ndarray:
-    rows, cols = (n // m for n, m in zip(plane.shape, factors, strict=True))
-    return plane.reshape(rows, factors[0], cols, factors[1]).mean(axis=(1, 3))
-
-
-def _interpolation(positions: np.ndarray, size: int) -> np.ndarray:
-    """Return the matrix (positions, size) of cubic-spline interpolation from nodes 0 … size − 1."""
-    return make_interp_spline(np.arange(size), np.eye(size), k=3)(positions)
+def _source(
+    crosslinked: Crosslinked, heights: np.ndarray, padding: list[tuple[int, int]], factors: list[int], threads: int
+) -> Callable[[float], np.ndarray]:
+    """Return the function of ζ: axial convolution of the exposed resin, weighted by conversion, on coarse pixels."""
+    sigma = crosslinked.fwhm_z_um / FWHM_PER_SIGMA
+    if not crosslinked.converts:
+        return lambda z: block_mean(ndtr(z / sigma) - ndtr((z - heights) / sigma), factors)
+    layers = Layers.of(crosslinked.source_weight, float(heights.max()), LAYER_SIGMAS * sigma, threads).padded(padding)
+    columns = Columns(layers, heights, from_glass=False, reduce=lambda plane: block_mean(plane, factors))
+    return lambda z: columns.convolved(z, sigma)
 
 
 def _to_modes(count: int) -> np.ndarray:

@@ -16,12 +16,12 @@ from typing import Protocol
 import numpy as np
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, blur_turned
+from dlwpredict.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS, blur, blur_turned, lag
 
 STAGES = ("target", "dose", "exposed", "crosslink", "height", "surface", "recording")
 
-PlaneAt = Callable[[float], np.ndarray]
-"""A function of z in µm that returns a plane (rows, cols)."""
+PlaneAt = Callable[[HeightMap, float], np.ndarray]
+"""A function of the written heights and of z in µm that returns a plane (rows, cols)."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Focus:
         Turn of the principal axes, counter-clockwise.
     broadening_per_um : float
         Relative growth of the axial FWHM per µm of height.
+    lag_y_um : float
+        Mean length of the one-sided exponential that trails the focus, µm; positive towards +y.
     """
 
     weight: float
@@ -48,6 +50,13 @@ class Focus:
     fwhm_z_um: float
     angle_deg: float = 0.0
     broadening_per_um: float = 0.0
+    lag_y_um: float = 0.0
+
+    @property
+    def reach_um(self) -> float:
+        """Lateral distance beyond which this part of the focus adds nothing, µm."""
+        widest = max(self.fwhm_x_um, self.fwhm_y_um) / FWHM_PER_SIGMA
+        return REACH_SIGMAS * widest + LAG_REACH * abs(self.lag_y_um)
 
     def sigma_z_um(self, z_um: float) -> float:
         """Axial standard deviation at height z, µm."""
@@ -55,6 +64,11 @@ class Focus:
 
     def spread(self, plane: np.ndarray, dx_um: float, dy_um: float) -> np.ndarray:
         """Convolve a plane with the lateral shape of this part of the focus."""
+        plane = self._gaussian(plane, dx_um, dy_um)
+        # rows run downwards, y upwards
+        return lag(plane, -self.lag_y_um / dy_um, axis=-2) if self.lag_y_um else plane
+
+    def _gaussian(self, plane: np.ndarray, dx_um: float, dy_um: float) -> np.ndarray:
         sx, sy = self.fwhm_x_um / FWHM_PER_SIGMA / dx_um, self.fwhm_y_um / FWHM_PER_SIGMA / dy_um
         if self.angle_deg % 180 == 0:
             return blur(plane, sy, sx)
@@ -75,10 +89,11 @@ class Dose:
         Heights told to the writer, already with room around the part.
     focus : tuple of Focus
     numerics : Numerics
-    intensity : tuple of functions z → plane
-        Relative focus intensities D(x, y, z), 1 = nominal; they multiply, and the dose follows Dᴺ.
-    threshold_factor : tuple of functions z → plane
-        Factors on the threshold; they multiply.
+    intensity : tuple of functions (written, z) → plane
+        Relative focus intensities D(x, y, z) while the layer z is written, 1 = nominal; they multiply, and the dose
+        follows Dᴺ. They act under the convolution with the focus.
+    threshold_factor : tuple of functions (written, z) → plane
+        Factors on the threshold of the resin at z; they multiply.
     conversion : float
         η, 0–1: how much of the dose's change reaches the degree of cross-linking.
     photon_order : float
@@ -93,18 +108,19 @@ class Dose:
     conversion: float = 0.0
     photon_order: float = 2.0
 
-    def relative_dose(self, z_um: float) -> np.ndarray | float:
-        """Dᴺ at one level, 1 = nominal."""
-        return np.prod([at(z_um) for at in self.intensity], axis=0) ** self.photon_order if self.intensity else 1.0
+    def relative_dose(self, z_um: float) -> np.ndarray:
+        """Dᴺ at one level, 1 = nominal, shape (rows, cols)."""
+        dose = np.ones(self.written.shape)
+        for at in self.intensity:
+            dose = dose * np.maximum(at(self.written, z_um), 0) ** self.photon_order
+        return dose
 
-    def relative_threshold(self, z_um: float) -> np.ndarray | float:
-        """Return the factor on the threshold at one level, divided by the relative dose there."""
-        factor = np.prod([at(z_um) for at in self.threshold_factor], axis=0) if self.threshold_factor else 1.0
-        return factor / self.relative_dose(z_um)
-
-    def source_weight(self, z_um: float) -> np.ndarray | float:
-        """1 + η(Dᴺ − 1): cross-linking started per exposed volume at one level, 1 = nominal."""
-        return 1 + self.conversion * (self.relative_dose(z_um) - 1)
+    def relative_threshold(self, z_um: float) -> np.ndarray:
+        """Return the factor on the threshold at one level, shape (rows, cols)."""
+        factor = np.ones(self.written.shape)
+        for at in self.threshold_factor:
+            factor = factor * at(self.written, z_um)
+        return factor
 
 
 @dataclass(frozen=True)
@@ -146,6 +162,20 @@ class Crosslinked:
     def with_curve(self, curve: Callable[[np.ndarray], np.ndarray]) -> Crosslinked:
         """Return the same state with one more curve."""
         return replace(self, curves=(*self.curves, curve))
+
+    @property
+    def converts(self) -> bool:
+        """Whether the local dose changes how much cross-linking the exposed resin starts."""
+        dose = self.exposed.dose
+        return bool(dose.conversion and dose.intensity)
+
+    def source_weight(self, z_um: float) -> np.ndarray:
+        """1 + η(Dᴺ − 1): cross-linking started per exposed volume at one level, 1 = nominal, shape (rows, cols).
+
+        Here the exposed resin stands for what is written, so that D is defined up to its surface.
+        """
+        dose = replace(self.exposed.dose, written=self.exposed.surface)
+        return 1 + dose.conversion * (dose.relative_dose(z_um) - 1)
 
 
 class Numerics(Protocol):

@@ -7,7 +7,8 @@ about 27 nm rms at 0.1 µm, half of that at 0.05 µm.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import toeplitz
@@ -41,38 +42,21 @@ class Voxels:
         widest = max(part.sigma_z_um(heights.max()) for part in dose.focus)
         count = int(np.ceil((heights.max() + REACH_SIGMAS * widest) / self.slice_um))
         if reference == "structure_maximum":
-            threshold = threshold * float(self._exposure(dose, 0).max())
+            nominal = _SliceExposure(replace(dose, intensity=()), self)
+            threshold = threshold * float(nominal.at(0).max())
+        exposure = _SliceExposure(dose, self)
         solid, exposed_slices = [], np.zeros(heights.shape, dtype=np.int32)
         for first in range(0, count, 8):
             chunk = np.zeros((8, *heights.shape), dtype=bool)
             for i in range(first, min(first + 8, count)):
                 z = self.centres(i + 1)[-1]
-                chunk[i - first] = self._exposure(dose, i) >= threshold * dose.relative_threshold(z)
+                chunk[i - first] = exposure.at(i) >= threshold * dose.relative_threshold(z)
             exposed_slices += chunk.sum(axis=0, dtype=np.int32)
             solid.append(np.packbits(chunk, axis=0))
             if not chunk.any():
                 break
         surface = dose.written.with_heights(exposed_slices * self.slice_um)
         return Exposed(surface, dose, np.concatenate(solid))
-
-    def _exposure(self, dose: Dose, index: int) -> np.ndarray:
-        """Convolve the binary solid with the focus, in one slice.
-
-        A column of n solid voxels, continued below the substrate, contributes the axial taps up to n − index: the sum of
-        the taps over the solid voxels around this slice, read from their running sum.
-        """
-        heights = dose.written.heights_um
-        solid_voxels = np.ceil(heights / self.slice_um - 0.5).astype(int)
-        z = self.centres(index + 1)[-1]
-        total = np.zeros(heights.shape)
-        for part in dose.focus:
-            taps = gaussian_taps(float(part.sigma_z_um(z) / self.slice_um))
-            running = np.concatenate([[0.0], np.cumsum(taps)])
-            axial = running[np.clip(solid_voxels - index + len(taps) // 2, 0, len(taps))]
-            total += part.weight * part.spread(
-                np.where(heights > 0, axial, 0.0), dose.written.dx_um, dose.written.dy_um
-            )
-        return total
 
     def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
         """Average (curved) normalised cross-linking over the exposed voxels of every column."""
@@ -93,7 +77,7 @@ class Voxels:
     def _blocks(self, crosslinked: Crosslinked) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Yield, block of rows by block of rows, the rows, m_cl (slice, rows, cols), and the exposed voxels."""
         exposed = crosslinked.exposed
-        packed, dose, grid = exposed.solid, exposed.dose, exposed.surface
+        packed, grid = exposed.solid, exposed.surface
         sigma_xy, sigma_z = crosslinked.fwhm_xy_um / FWHM_PER_SIGMA, crosslinked.fwhm_z_um / FWHM_PER_SIGMA
         count, rows, cols = 8 * len(packed), *grid.shape
         axial = _axial_matrix(sigma_z / self.slice_um, count)
@@ -106,12 +90,57 @@ class Voxels:
             inner = slice(first - start, min(first + block, rows) - start)
             solid = np.unpackbits(packed[:, start:stop], axis=0).astype(np.float32)
             source = solid
-            if dose.conversion and dose.intensity:
+            if crosslinked.converts:
                 source = solid.copy()
                 for plane, height in zip(source, z, strict=True):
-                    plane *= np.broadcast_to(dose.source_weight(height), grid.shape)[start:stop]
+                    plane *= np.broadcast_to(crosslinked.source_weight(height), grid.shape)[start:stop]
             m_cl = blur(np.tensordot(axial, source, axes=1), sigma_xy / grid.dy_um, sigma_xy / grid.dx_um)
             yield slice(first, min(first + block, rows)), m_cl[:, inner], solid[:, inner]
+
+
+class _SliceExposure:
+    """Convolve the binary solid, each voxel with its relative dose, with the focus, slice by slice.
+
+    The solid continues below the substrate with the dose of its first slice.
+    """
+
+    def __init__(self, dose: Dose, voxels: Voxels) -> None:
+        self.dose, self.voxels = dose, voxels
+        self.solid_voxels = np.ceil(dose.written.heights_um / voxels.slice_um - 0.5).astype(int)
+        widest = max(part.sigma_z_um(dose.written.heights_um.max()) for part in dose.focus)
+        window = 2 * len(gaussian_taps(float(widest / voxels.slice_um)))
+        self.weighted = lru_cache(maxsize=window)(self._weighted)
+
+    def at(self, index: int) -> np.ndarray:
+        """Return the exposure in one slice, shape (rows, cols)."""
+        z = self.voxels.centres(index + 1)[-1]
+        grid = self.dose.written
+        total = np.zeros(grid.shape)
+        for part in self.dose.focus:
+            taps = gaussian_taps(float(part.sigma_z_um(z) / self.voxels.slice_um))
+            axial = self._axial_by_layer(index, taps) if self.dose.intensity else self._axial(index, taps)
+            total += part.weight * part.spread(axial, grid.dx_um, grid.dy_um)
+        return total
+
+    def _axial(self, index: int, taps: np.ndarray) -> np.ndarray:
+        """Return the sum of the taps over the solid voxels around this slice, read from their running sum."""
+        running = np.concatenate([[0.0], np.cumsum(taps)])
+        axial = running[np.clip(self.solid_voxels - index + len(taps) // 2, 0, len(taps))]
+        return np.where(self.dose.written.heights_um > 0, axial, 0.0)
+
+    def _axial_by_layer(self, index: int, taps: np.ndarray) -> np.ndarray:
+        reach = len(taps) // 2
+        below = float(taps[: max(reach - index, 0)].sum())
+        axial = below * np.where(
+            self.dose.written.heights_um > 0, self.dose.relative_dose(self.voxels.centres(1)[0]), 0
+        )
+        for layer in range(max(index - reach, 0), min(index + reach + 1, int(self.solid_voxels.max()))):
+            axial += taps[layer - index + reach] * self.weighted(layer)
+        return axial
+
+    def _weighted(self, layer: int) -> np.ndarray:
+        z = self.voxels.centres(layer + 1)[-1]
+        return np.where(self.solid_voxels > layer, self.dose.relative_dose(z), 0)
 
 
 def _axial_matrix(sigma_px: float, count: int) -> np.ndarray:

@@ -1,0 +1,76 @@
+"""Lateral shrinkage: the base adheres to the substrate, the top draws inwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from dlwpredict.effects.base import MapEffect
+from dlwpredict.effects.plane import centroid_um, nearest, pixel_of
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import declare
+
+_HALVINGS = 28
+
+
+def drawn_inwards(surface: HeightMap, strain: float, pin_height_um: float) -> np.ndarray:
+    """Return the surface of a part whose resin at height z moved to x_c + (x − x_c) · (1 − strain · (1 − e^(−z/H))).
+
+    The new height at x′ is the largest z at which the resin that moved there, from x(x′, z), belongs to the part:
+    z ≤ h(x). It is found by halving an interval, so that walls may lean as far as they do. x_c is the centroid
+    of the footprint. Law and pinning height are ours; Lang et al. 2022 leave lateral shrinkage out.
+
+    Parameters
+    ----------
+    surface : HeightMap
+    strain : float
+        Shrinkage far above the base, ≥ 0.
+    pin_height_um : float
+        H, height over which the base holds the part back.
+    """
+    footprint = surface.heights_um > 0
+    if not footprint.any():
+        return surface.heights_um
+    centre_x, centre_y = centroid_um(footprint, surface)
+    rows, cols = np.nonzero(footprint)
+    x, y = surface.x_um[cols] - centre_x, surface.y_um[rows] - centre_y
+    # heights continue beyond the footprint, so that only the footprint itself ends a wall
+    relief = ndimage.spline_filter(nearest(surface.heights_um, footprint), order=3, mode="nearest")
+
+    def within(z: np.ndarray) -> np.ndarray:
+        stretch = 1 / (1 - strain * (1 - np.exp(-z / pin_height_um)))
+        place = pixel_of(surface, centre_x + x * stretch, centre_y + y * stretch)
+        height = ndimage.map_coordinates(relief, place, order=3, mode="nearest", prefilter=False)
+        part = ndimage.map_coordinates(1.0 * footprint, place, order=1, mode="grid-constant")
+        return (z <= height) & (part >= 0.5)
+
+    low, high = np.zeros(len(x)), np.full(len(x), 1.2 * surface.heights_um.max())
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        inside = within(middle)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    moved = np.zeros(surface.shape)
+    moved[rows, cols] = (low + high) / 2
+    return moved
+
+
+@dataclass(frozen=True)
+class LateralShrinkage(MapEffect):
+    """Tops shift towards the centre, bases do not."""
+
+    name = "lateral-shrinkage"
+    meaning = "the part shrinks sideways above its adhering base: tops are drawn towards the centre"
+    frame = "sample"
+    stage = "surface"
+    source = "left out explicitly in Lang 2022; law is ours"
+    confused_with = ("misregistration",)
+    separated_by = "tops against marks on the substrate in one recording, or footprints of several sizes"
+
+    strain: float = declare(0.0, "1", 0.0, 0.3, "lateral shrinkage far above the base", typical=0.02)
+    pin_height_um: float = declare(5.0, "µm", 0.5, 50, "height over which the base holds the part back")
+
+    def heights(self, state: HeightMap) -> np.ndarray:
+        """Return the deformed surface."""
+        return drawn_inwards(state, self.strain, self.pin_height_um)

@@ -1,0 +1,98 @@
+"""What several effects need of the plane: field radius, layers, footprint, edges, slopes, resampling."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, wide_blur
+
+FIELD_RADIUS_UM = 50.0
+"""Distance from the field's centre at which field-dependent effects are stated (ρ = 1)."""
+
+
+def field_coordinates(grid: HeightMap, centre_x_um: float = 0.0, centre_y_um: float = 0.0):
+    """Return x (cols,) and y (rows, 1) from the field's centre, in units of 50 µm; ρ² = x² + y²."""
+    x = (grid.x_um - centre_x_um) / FIELD_RADIUS_UM
+    y = (grid.y_um[:, None] - centre_y_um) / FIELD_RADIUS_UM
+    return x, y
+
+
+def where_written(target: HeightMap, heights_um: np.ndarray) -> np.ndarray:
+    """Keep changed heights at 0 or above, and at 0 where nothing was written."""
+    return np.where(target.heights_um > 0, np.maximum(heights_um, 0), 0)
+
+
+def occupied(written: HeightMap, z_um: float) -> np.ndarray:
+    """Tell where the layer at height z is written, shape (rows, cols) of 0 and 1."""
+    return ((written.heights_um > 0) & (written.heights_um >= z_um)).astype(float)
+
+
+def gaussian_um(plane: np.ndarray, grid: HeightMap, fwhm_um: float) -> np.ndarray:
+    """Convolve with a lateral Gaussian of this FWHM; outside the plane there is nothing."""
+    return wide_blur(plane, fwhm_um / FWHM_PER_SIGMA / grid.dy_um, fwhm_um / FWHM_PER_SIGMA / grid.dx_um)
+
+
+def blurred_recording(recording: HeightMap, fwhm_um: float) -> np.ndarray:
+    """Return G ⊛ t over the measured points, NaN elsewhere; around the map lies the substrate."""
+    heights, missing = recording.heights_um, np.isnan(recording.heights_um)
+    sigmas = (fwhm_um / FWHM_PER_SIGMA / recording.dy_um, fwhm_um / FWHM_PER_SIGMA / recording.dx_um)
+    smooth = blur(np.where(missing, 0, heights), *sigmas)
+    if not missing.any():
+        return smooth
+    return np.where(missing, np.nan, smooth / np.maximum(1 - blur(missing.astype(float), *sigmas), 1e-9))
+
+
+def slopes(recording: HeightMap) -> tuple[np.ndarray, np.ndarray]:
+    """Return ∂t/∂x and ∂t/∂y (y upwards) by central differences, gaps closed by their nearest neighbours."""
+    down, right = np.gradient(nearest(recording.heights_um, ~np.isnan(recording.heights_um)))
+    return right / recording.dx_um, -down / recording.dy_um
+
+
+def nearest(plane: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the plane with every unknown point taken from the nearest known one (0 if none is known)."""
+    if known.all():
+        return plane
+    if not known.any():
+        return np.zeros(plane.shape)
+    rows, cols = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return plane[rows, cols]
+
+
+def edge_distance_um(footprint: np.ndarray, grid: HeightMap) -> np.ndarray:
+    """Return the distance of every pixel's centre to the edge of the footprint, half a pixel beyond its last pixel."""
+    inside = np.pad(footprint, 1)
+    distance = ndimage.distance_transform_edt(inside, sampling=(grid.dy_um, grid.dx_um))[1:-1, 1:-1]
+    return np.maximum(distance - min(grid.dx_um, grid.dy_um) / 2, 0)
+
+
+def centroid_um(footprint: np.ndarray, grid: HeightMap) -> tuple[float, float]:
+    """Return x and y of the footprint's centroid, µm."""
+    count = max(footprint.sum(), 1)
+    return float(footprint.sum(axis=0) @ grid.x_um / count), float(footprint.sum(axis=1) @ grid.y_um / count)
+
+
+def half_width_um(footprint: np.ndarray, grid: HeightMap) -> float:
+    """Return half the footprint's extent, the mean over x and y, µm."""
+    extents = [
+        (line[-1] - line[0] + 1) * pitch
+        for line, pitch in ((np.flatnonzero(footprint.any(axis=a)), p) for a, p in ((0, grid.dx_um), (1, grid.dy_um)))
+    ]
+    return sum(extents) / 4
+
+
+def pixel_of(grid: HeightMap, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
+    """Return rows and columns, as numbers with fractions, of points given from the map's centre."""
+    rows, cols = grid.shape
+    return np.array([(rows - 1) / 2 - y_um / grid.dy_um, (cols - 1) / 2 + x_um / grid.dx_um])
+
+
+def resampled(recording: HeightMap, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
+    """Read a map at other points by a cubic spline; NaN next to gaps, the substrate outside."""
+    known = ~np.isnan(recording.heights_um)
+    place = pixel_of(recording, x_um, y_um)
+    read = ndimage.map_coordinates(nearest(recording.heights_um, known), place, order=3, mode="grid-constant")
+    if known.all():
+        return read
+    return np.where(ndimage.map_coordinates(1.0 * known, place, order=1, mode="nearest") >= 0.5, read, np.nan)

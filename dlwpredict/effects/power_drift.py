@@ -1,0 +1,31 @@
+"""Power drift: the laser power changes while the part is written, layer after layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlwpredict.effects.base import DoseEffect
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import declare
+
+
+@dataclass(frozen=True)
+class PowerDrift(DoseEffect):
+    """D = 1 + drift · z/h_max: layers are written in order, so time is height."""
+
+    name = "power-drift"
+    meaning = "the laser power changes during the print: upper layers get more (or less) dose"
+    frame = "printer"
+    source = "general knowledge; a power log shows it"
+    confused_with = ("interface-offset", "z-drift", "spherical-aberration")
+    separated_by = "a twin printed from the top layer down, marker pads written first and last, or a power log"
+
+    drift: float = declare(
+        0.0, "1", -0.5, 0.5, "change of intensity from the substrate to the highest layer", typical=0.03
+    )
+
+    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+        """Return D at height z."""
+        return np.full(written.shape, 1 + self.drift * z_um / written.heights_um.max())

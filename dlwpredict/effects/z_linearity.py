@@ -1,0 +1,58 @@
+"""Z linearity: the microscope's height scale is bent, or has a periodic error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlwpredict.effects.base import MapEffect
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import declare
+
+
+def scale_error(
+    heights_um: np.ndarray, quadratic_um: float, periodic_um: float, period_um: float, phase_rad: float
+) -> np.ndarray:
+    """Return quadratic · ((t − t₀)/Z)² + periodic · sin(2πt/period + phase), µm.
+
+    t₀ is the middle and Z half of the recorded range, from the substrate to the highest point, so that the
+    quadratic part is 0 in the middle and `quadratic_um` at both ends whatever share of the field the part fills. The
+    linearity deviation l_z of ISO 25178-600.
+
+    Parameters
+    ----------
+    heights_um : numpy.ndarray
+        Recording, NaN where not measured.
+    quadratic_um, periodic_um : float
+    period_um, phase_rad : float
+    """
+    low, high = np.nanmin(heights_um), np.nanmax(heights_um)
+    share = (heights_um - (low + high) / 2) / max((high - low) / 2, 1e-9)
+    return quadratic_um * share**2 + periodic_um * np.sin(2 * np.pi * heights_um / period_um + phase_rad)
+
+
+@dataclass(frozen=True)
+class ZLinearity(MapEffect):
+    """The height read depends on the height alone, but not linearly."""
+
+    name = "z-linearity"
+    meaning = "the microscope's height scale is bent or has a periodic error"
+    side = "measurement"
+    frame = "instrument"
+    stage = "recording"
+    source = "ISO 25178-600, linearity deviation l_z; ranges are ours"
+    confused_with = ("z-drift", "shrinkage-nonlinearity", "power-drift")
+    separated_by = "certified steps, or the sample moved in z by half a period under the microscope"
+
+    quadratic_um: float = declare(
+        0.0, "µm", -1, 1, "deviation at both ends of the range against its middle", typical=0.05
+    )
+    periodic_um: float = declare(0.0, "µm", 0.0, 0.5, "amplitude of the periodic error", typical=0.05)
+    period_um: float = declare(3.0, "µm", 0.2, 50, "its period in height")
+    phase_rad: float = declare(0.0, "rad", -np.pi, np.pi, "its phase at height 0")
+
+    def heights(self, state: HeightMap) -> np.ndarray:
+        """Return the recording with its scale error."""
+        t = state.heights_um
+        return t + scale_error(t, self.quadratic_um, self.periodic_um, self.period_um, self.phase_rad)
