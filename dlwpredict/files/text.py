@@ -48,12 +48,12 @@ def read_text(path: Path, pitch_um: Pair | None) -> Stored:
 
 def write_text(path: Path, height_map: HeightMap) -> list[str]:
     """Write heights that read back exactly, pitch and unit in ``#`` lines; commas in ``.csv``, else tabs."""
-    delimiter = "," if ".csv" in path.suffixes[-2:] else "\t"
+    delimiter = "," if ".csv" in path.name.lower() else "\t"
     lines = ["# height map, row 0 on top (y upwards); nan = not measured"]
     lines += [f"# {key}={value}" for key, value in key_lines(height_map).items()]
     lines += [delimiter.join(map(repr, row)) for row in height_map.heights_um.tolist()]
     content = ("\n".join(lines) + "\n").encode()
-    path.write_bytes(gzip.compress(content, mtime=0) if path.suffix == ".gz" else content)
+    path.write_bytes(gzip.compress(content, mtime=0) if path.suffix.lower() == ".gz" else content)
     return unmarked(height_map)
 
 
