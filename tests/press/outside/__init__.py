@@ -1,0 +1,1 @@
+"""Physics that the library does not have, one file each."""
