@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from dlwpredict.errors import InputError
@@ -9,6 +11,8 @@ from dlwpredict.errors import InputError
 _MOST_PIXELS = 50_000_000
 _CHUNK = 2_000_000  # pairs of triangle and pixel in memory at a time
 _SLACK_PX = 1e-3  # a pixel centre this near to a triangle's edge lies in it (STL stores float32)
+
+_UPRIGHT_PX2 = 1e-12  # less than this seen from above is a vertical triangle
 
 
 def seen_from_above(triangles_um: np.ndarray, dx_um: float, dy_um: float) -> np.ndarray:
@@ -37,35 +41,36 @@ def seen_from_above(triangles_um: np.ndarray, dx_um: float, dy_um: float) -> np.
     """
     pitch = np.array([dx_um, dy_um])
     flat = triangles_um[..., :2] / pitch  # in pixels
-    first = np.ceil(flat.min(axis=(0, 1)) - _SLACK_PX).astype(np.int64)
-    last = np.floor(flat.max(axis=(0, 1)) + _SLACK_PX).astype(np.int64)
-    cols, rows = (int(n) for n in np.maximum(last - first + 1, 0))
-    if cols * rows > _MOST_PIXELS:
-        raise InputError(f"{cols} x {rows} pixels", key="--pitch-um", allowed=f"allowed: up to {_MOST_PIXELS} pixels")
-    floor = triangles_um[..., 2].min()
-    heights = np.zeros(rows * cols)
-    area = _cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
-    lying = np.abs(area) > 1e-12
-    flat, area, z = flat[lying] - first, area[lying], triangles_um[lying, :, 2] - floor
-    low = np.ceil(flat.min(axis=1) - _SLACK_PX).astype(np.int64).clip(0)
-    high = np.floor(flat.max(axis=1) + _SLACK_PX).astype(np.int64).clip(max=[cols - 1, rows - 1])
-    wide, tall = (high - low + 1).clip(0).T
-    for part in _chunks(wide * tall):
-        which = np.repeat(part, (wide * tall)[part])
-        order = np.arange(which.size) - np.repeat(
-            np.cumsum((wide * tall)[part]) - (wide * tall)[part], (wide * tall)[part]
-        )
-        pixel = low[which] + np.stack([order % wide[which], order // wide[which]], axis=1)
+    first = np.ceil(flat.min(axis=(0, 1)) - _SLACK_PX)
+    extent = np.maximum(np.floor(flat.max(axis=(0, 1)) + _SLACK_PX) - first + 1, 0)
+    if extent.prod() > _MOST_PIXELS:
+        found = f"{extent[0]:.6g} x {extent[1]:.6g} pixels"
+        raise InputError(found, key="--pitch-um", allowed=f"allowed: up to {_MOST_PIXELS} pixels")
+    cols, rows = (int(n) for n in extent)
+    heights = np.zeros((rows, cols))
+    area = _cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])  # twice the area, px²
+    lying = np.abs(area) > _UPRIGHT_PX2
+    flat, area = flat[lying] - first, area[lying]
+    z = triangles_um[lying, :, 2] - triangles_um[..., 2].min()
+    for which, pixel in _candidates(flat, (cols, rows)):
         inside, level = _levels(pixel, flat[which], area[which], z[which])
         x, y = pixel[inside].T
-        np.maximum.at(heights, (rows - 1 - y) * cols + x, level[inside])
-    return heights.reshape(rows, cols)
+        np.maximum.at(heights, (rows - 1 - y, x), level[inside])
+    return heights
 
 
-def _chunks(pairs: np.ndarray) -> list[np.ndarray]:
-    """Return the triangles in groups of about `_CHUNK` pairs."""
+def _candidates(flat: np.ndarray, size: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield triangles (n,) and pixels (n, 2) as pairs: every pixel of the box around each triangle, some at a time."""
+    low = np.ceil(flat.min(axis=1) - _SLACK_PX).astype(np.int64).clip(min=0)
+    high = np.floor(flat.max(axis=1) + _SLACK_PX).astype(np.int64).clip(max=np.array(size) - 1)
+    wide, tall = (high - low + 1).clip(min=0).T
+    pairs = wide * tall
     group = np.cumsum(pairs) // _CHUNK
-    return np.split(np.arange(pairs.size), np.flatnonzero(np.diff(group)) + 1)
+    for part in np.split(np.arange(pairs.size), np.flatnonzero(np.diff(group)) + 1):
+        which = np.repeat(part, pairs[part])
+        before = np.cumsum(pairs[part]) - pairs[part]
+        down, across = np.divmod(np.arange(which.size) - np.repeat(before, pairs[part]), wide[which])
+        yield which, low[which] + np.stack([across, down], axis=1)
 
 
 def _levels(pixel: np.ndarray, flat: np.ndarray, area: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -84,7 +84,8 @@ class Stored:
         pitch = pitch_um or self.pitch_um
         if pitch is None:
             raise InputError("no pitch in the file", key="pitch", allowed="allowed with --pitch-um DX [DY]")
-        heights = self._heights(z_scale, z_range_um or self.z_range_um)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is infinite, and refused as such
+            heights = self._heights(z_scale, z_range_um or self.z_range_um)
         if heights.size and np.isnan(heights).all():
             raise InputError("not one measured point (all NaN)", key="heights", allowed="at least one finite height")
         return HeightMap(heights, *pitch, height_reference=self.height_reference, filled=self.filled)

@@ -22,10 +22,8 @@ def read_npy(path: Path, pitch_um: Pair | None) -> Stored:
     try:
         with path.open("rb") as stream:
             numbers = np.lib.format.read_array(stream, allow_pickle=False)
-    except (ValueError, OSError, EOFError, SyntaxError, TypeError, MemoryError) as error:
-        raise InputError(
-            f"not a readable .npy ({str(error).splitlines()[0]})", key="file", allowed="a plain matrix of numbers"
-        ) from None
+    except Exception as error:  # NumPy meets broken headers with errors of every kind
+        raise InputError(f"not a readable .npy ({error})", key="file", allowed="a plain matrix of numbers") from None
     if numbers.dtype.kind not in "uif":
         raise InputError(f"values of type {numbers.dtype}", key="type", allowed="allowed: integer or float")
     return Stored(numbers)
