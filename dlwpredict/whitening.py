@@ -1,8 +1,9 @@
 """Whitening of correlated noise on maps with holes: conditional on a few neighbours (Vecchia 1988).
 
-Pixels are taken in raster order. Given its measured predecessors n in a fixed neighbourhood, the noise at a point i has mean
-b·ε_n with b = C_nn⁻¹ c_in and variance v = C_ii − c_in·b. The rows (ε_i − b·ε_n)/√v are nearly independent with variance 1. They
-form a sparse matrix W with WᵀW ≈ C⁻¹ on the measured points alone: nothing is filled in, and no border is wrapped round.
+Pixels are taken in raster order. Given its measured predecessors n in a fixed neighbourhood, the noise at a point i has
+mean b·ε_n with b = C_nn⁻¹ c_in and variance v = C_ii − c_in·b. The rows (ε_i − b·ε_n)/√v are nearly independent with
+variance 1. They form a sparse matrix W with WᵀW ≈ C⁻¹ on the measured points alone: nothing is filled in, and no border
+is wrapped round.
 """
 
 from __future__ import annotations
@@ -12,10 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
-NEAR_PX = 3
-"""All predecessors up to this distance (rows and columns) are neighbours ..."""
-FAR_PX = (5, 8, 13, 21)
-"""... and some at these distances, in eight directions, for correlation that reaches further."""
+NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
+"""Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones."""
 
 _CHUNK = 4000
 
@@ -76,17 +75,22 @@ class Neighbourhood:
         Measured points.
     dx_um, dy_um : float
         Pitch.
+    near_px : int
+    far_px : tuple of int
+        Extent of the neighbourhood.
     """
 
     used: np.ndarray
     dx_um: float
     dy_um: float
+    near_px: int = NEAR_PX
+    far_px: tuple[int, ...] = FAR_PX
     index: np.ndarray = field(init=False, repr=False)
     present: np.ndarray = field(init=False, repr=False)
     lags_um: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        offsets = _offsets()
+        offsets = _offsets(self.near_px, self.far_px)
         reach = int(np.abs(offsets).max())
         number = np.full(np.add(self.used.shape, 2 * reach), -1)
         inner = number[reach:-reach, reach:-reach]
@@ -126,9 +130,9 @@ class Neighbourhood:
         return sparse.csr_array((entries, (rows, cols)), shape=(points, points))
 
 
-def _offsets() -> np.ndarray:
+def _offsets(near_px: int, far_px: tuple[int, ...]) -> np.ndarray:
     """Return the neighbourhood as offsets (row, col) of predecessors in raster order, shape (neighbours, 2)."""
-    near = range(-NEAR_PX, NEAR_PX + 1)
+    near = range(-near_px, near_px + 1)
     chosen = [(r, c) for r in near for c in near]
-    chosen += [(r, c) for d in FAR_PX for r, c in ((0, -d), (-d, 0), (-d, -d), (-d, d), (-d // 2, -d), (-d // 2, d))]
+    chosen += [(r, c) for d in far_px for r, c in ((0, -d), (-d, 0), (-d, -d), (-d, d), (-d // 2, -d), (-d // 2, d))]
     return np.array([(r, c) for r, c in chosen if r < 0 or (r == 0 and c < 0)])
