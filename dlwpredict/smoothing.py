@@ -17,7 +17,10 @@ REACH_SIGMAS = 5.0
 """Kernels end here; the mass beyond is 6e-7."""
 
 COARSE_PIXELS_PER_SIGMA = 5.0
-"""A wide Gaussian leaves nothing finer than this many pixels per standard deviation can hold."""
+"""A wide Gaussian leaves nothing finer than this many pixels per standard deviation can hold (to about 1e-5)."""
+
+WIDE_PIXELS_PER_SIGMA = 4.0
+"""The same for means that are read at points only, not over pixels."""
 
 _LONG_KERNEL = 129
 """Taps above which convolution goes through Fourier space."""
@@ -99,23 +102,24 @@ def spline_matrix(positions: np.ndarray, size: int) -> np.ndarray:
 
 
 def wide_blur(plane: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray:
-    """Do what `blur` does, to about 1e-4, on pixels no finer than a wide Gaussian needs."""
-    sigmas = (sigma_y_px, sigma_x_px)
-    factors = [max(int(s / COARSE_PIXELS_PER_SIGMA), 1) for s in sigmas]
-    if factors == [1, 1]:
-        return blur(plane, *sigmas)
-    padding = [(4 * m, 4 * m + (-n) % m) for n, m in zip(plane.shape, factors, strict=True)]
-    # averaging over m pixels already widens by (m² − 1)/12 pixels²
-    rest = [np.sqrt(s**2 - (m**2 - 1) / 12) / m for s, m in zip(sigmas, factors, strict=True)]
-    coarse = blur(block_mean(np.pad(plane, padding), factors), *rest)
-    rows, cols = (_back(n, m, size) for n, m, size in zip(plane.shape, factors, coarse.shape, strict=True))
-    return rows @ coarse @ cols.T
+    """Do what `blur` does, to about 1e-5 of a step, but evaluate a wide Gaussian on no more points than it needs."""
+    if min(sigma_y_px, sigma_x_px) < WIDE_PIXELS_PER_SIGMA:
+        return blur(plane, sigma_y_px, sigma_x_px)
+    (down_y, up_y), (down_x, up_x) = (
+        _sparsely(n, float(s)) for n, s in zip(plane.shape, (sigma_y_px, sigma_x_px), strict=True)
+    )
+    return up_y @ (down_y @ plane @ down_x.T) @ up_x.T
 
 
 @lru_cache(maxsize=16)
-def _back(count: int, factor: int, size: int) -> np.ndarray:
-    """Return the matrix (count, size) from coarse pixels, four of them in front, back to fine ones."""
-    return spline_matrix((np.arange(count) + 4 * factor + 0.5) / factor - 0.5, size)
+def _sparsely(count: int, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrices from pixels to a Gaussian mean at points σ/4 apart, (points, count), and back by a spline."""
+    step = sigma_px / WIDE_PIXELS_PER_SIGMA
+    pixels = np.arange(count)
+    points = step * np.arange(-3, int(np.ceil((count - 1) / step)) + 4)
+    distance = (points[:, None] - pixels) / sigma_px
+    down = np.exp(-(distance**2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
+    return down, spline_matrix((pixels - points[0]) / step, len(points))
 
 
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:

@@ -93,5 +93,6 @@ class Columns:
         result = self.reduce(self.top * rest)
         if len(near):
             span = slice(near[0], near[-1] + 1)
-            result = result + np.tensordot(share[span].astype(self.whole.dtype), self.whole[span], axes=1)
+            # one pass over few planes: quicker than a matrix product, and it leaves the other cores alone
+            result = result + np.einsum("k,kij->ij", share[span].astype(self.whole.dtype), self.whole[span])
         return result + up_to[0] * self.foot if self.from_glass else result

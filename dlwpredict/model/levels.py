@@ -22,6 +22,9 @@ from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_
 LEVEL_STEP_SIGMAS = 0.6
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
 
+LAYERS_PER_LEVEL = 2
+"""Layers of local dose per exposure level: line ends move from layer to layer on slopes, and leave 1 % at one."""
+
 LAYER_SIGMAS = 0.3
 """Layers of local conversion are this thick in axial standard deviations of cross-linking."""
 
@@ -108,7 +111,7 @@ def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers
     top = float(dose.written.heights_um.max())
     room = ABOVE_SIGMAS * max(part.sigma_z_um(top) for part in dose.focus) + 3 * step
     return (
-        Layers.of(dose.relative_dose, top, step, threads) if dose.intensity else None,
+        Layers.of(dose.relative_dose, top, step / LAYERS_PER_LEVEL, threads) if dose.intensity else None,
         Layers.of(dose.relative_threshold, top + room, step, threads) if dose.threshold_factor else None,
     )
 
