@@ -114,3 +114,13 @@ def test_no_cut_off_file_is_taken_for_whole(tmp_path):
         path.write_bytes(content[:length])
         with pytest.raises(InputError, match=r"a\.tif: file: not a readable TIFF"):
             read_height_map(path)
+
+
+@pytest.mark.parametrize(
+    ("heights", "pitch", "match"),
+    [(1.0, 1e-12, "pitch: found 1e-12, 1, allowed 1e-9 to 1e9"), (1e39, 1.0, "heights: heights beyond float32")],
+)
+def test_what_a_tiff_cannot_hold_is_not_written(tmp_path, heights, pitch, match):
+    with pytest.raises(InputError, match=rf"a\.tif: {match}"):
+        write_height_map(tmp_path / "a.tif", HeightMap(np.full((2, 2), heights), pitch, 1.0))
+    assert list(tmp_path.iterdir()) == []

@@ -19,6 +19,7 @@ from dlwpredict.files.key_lines import key_lines, parse_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
 FILLED_TAG = 65001  # private: zlib-packed bits, row by row
+_PITCH_UM = (1e-9, 1e9)  # what fits the ratio of two 32-bit numbers
 _BYTES = 7  # TIFF type UNDEFINED
 _UM_PER_RESOLUTION_UNIT = {2: 25400.0, 3: 10000.0}  # inch, cm
 
@@ -54,7 +55,16 @@ def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
 
 
 def write_tiff(path: Path, height_map: HeightMap) -> list[str]:
-    """Write heights as float32, NaN kept; no time stamp, so equal maps give equal bytes."""
+    """Write heights as float32, NaN kept; no time stamp, so equal maps give equal bytes.
+
+    Raises
+    ------
+    InputError
+        Heights beyond float32, or a pitch that resolution tags cannot hold.
+    """
+    pitches = height_map.dx_um, height_map.dy_um
+    if not _PITCH_UM[0] <= min(pitches) <= max(pitches) <= _PITCH_UM[1]:
+        raise InputError(f"found {min(pitches):g}, {max(pitches):g}", key="pitch", allowed="allowed 1e-9 to 1e9 µm")
     lines, extra = {"unit": "um", **key_lines(height_map)}, []
     if height_map.filled is not None:
         packed = zlib.compress(np.packbits(height_map.filled).tobytes(), 9)
@@ -64,7 +74,7 @@ def write_tiff(path: Path, height_map: HeightMap) -> list[str]:
         path,
         float32(height_map.heights_um),
         imagej=True,
-        resolution=(1 / height_map.dx_um, 1 / height_map.dy_um),
+        resolution=tuple(1 / pitch for pitch in pitches),
         metadata=lines,
         extratags=extra,
         software="dlwpredict",
