@@ -140,6 +140,8 @@ def _typed(value, field, where):
     """Turn a YAML value into the type that the field's default has (YAML reads 1e-1 as text)."""
     default = field.default
     try:
+        if default is None and value is not None:
+            return float(value)
         if isinstance(default, bool):
             if not isinstance(value, bool):
                 raise ValueError
@@ -149,7 +151,7 @@ def _typed(value, field, where):
         if isinstance(default, float) and value is not None:
             return float(value)
         if isinstance(default, tuple):
-            return tuple(float(part) for part in value)
+            return tuple(float(part) for part in (value if isinstance(value, list | tuple) else [value]))
     except (TypeError, ValueError):
         raise ValueError(f"{where}: {value!r} is not like {default!r}") from None
     return value

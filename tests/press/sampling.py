@@ -1,5 +1,7 @@
 """Reading a map between its pixels, without overshoot at cliffs."""
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.ndimage import (
     convolve1d,
@@ -48,3 +50,20 @@ class Surface:
             for place, count in zip((row, column), self.spline.shape, strict=True)
         )
         return np.clip(value, self.low[near], self.high[near])
+
+
+def covered(surface, came_from, tallest, levels=48):
+    """Return the highest z at which each point is covered, linear between levels.
+
+    `came_from(z)` gives the coordinates (x, y) in um where the cross-section now seen at height z lay before.
+    """
+    heights = np.linspace(0, 1.02 * tallest + 0.05, levels)
+    below = surface.at(*came_from(heights[0]))
+    out = np.zeros_like(below)
+    for low, high in pairwise(heights):
+        above = surface.at(*came_from(high)) - high
+        crossing = (below > 0) & (above <= 0)
+        share = np.divide(below, below - above, out=np.zeros_like(below), where=crossing)
+        out = np.where(crossing, low + share * (high - low), out)
+        below = above
+    return out
