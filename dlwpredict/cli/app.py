@@ -8,7 +8,7 @@ import sys
 from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 import dlwpredict
 from dlwpredict.cli.console import with_verbosity
@@ -81,7 +81,8 @@ def _register() -> None:
             if hasattr(module, "group"):
                 app.add_typer(module.group, name=module.COMMAND)
             else:
-                app.command(module.COMMAND)(with_verbosity(module.run))
+                kind = getattr(module, "CLASS", TyperCommand)
+                app.command(module.COMMAND, cls=kind)(with_verbosity(module.run))
 
 
 _register()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.core import TyperCommand
 
 from dlwpredict.errors import InputError
 
@@ -35,6 +36,54 @@ Fill = Annotated[
 ]
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+Pairs = Annotated[
+    list[Path],
+    typer.Option("--pair", metavar="TARGET ALIGNED", help="Target and aligned recording; once for each recording."),
+]
+
+
+class PairCommand(TyperCommand):
+    """A command whose ``--pair`` takes two files and may be repeated, which typer alone does not offer.
+
+    ``--pair T A`` is read as ``--pair T --pair A``; `pairs_of` puts the two together again.
+    """
+
+    def parse_args(self, ctx, args: list[str]) -> list[str]:
+        """Read the command line."""
+        read: list[str] = []
+        rest = list(args)
+        while rest:
+            word = rest.pop(0)
+            read.append(word)
+            if word == "--pair":
+                files = rest[:2]
+                if len(files) < 2 or any(file.startswith("-") for file in files):
+                    raise typer.BadParameter("--pair takes two files, TARGET ALIGNED", ctx=ctx)
+                read += [files[0], "--pair", files[1]]
+                rest = rest[2:]
+        return super().parse_args(ctx, read)
+
+
+def pairs_of(files: list[Path]) -> list[tuple[Path, Path]]:
+    """Return (target, recording) pairs.
+
+    Raises
+    ------
+    InputError
+        A recording is its own target, or stands in two pairs.
+    """
+    if len(files) % 2:
+        raise typer.BadParameter("--pair takes two files, TARGET ALIGNED")
+    pairs = list(zip(files[::2], files[1::2], strict=True))
+    seen: set[Path] = set()
+    for target, recording in pairs:
+        if target.resolve() == recording.resolve():
+            raise InputError("the recording is the target itself", where=recording, key="--pair")
+        if recording.resolve() in seen:
+            raise InputError("given in two pairs", where=recording, key="--pair", allowed="each recording once")
+        seen.add(recording.resolve())
+    return pairs
 
 
 def check_outputs(*paths: Path | None, overwrite: bool) -> None:

@@ -1,0 +1,69 @@
+"""Our way down: bounded least squares from several starts, first on coarse pixels, last on those of the recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dlwpredict.calibrate.descend import descend
+from dlwpredict.calibrate.problem import Point, Problem
+from dlwpredict.calibrate.recordings import coarser
+
+STARTS = 3
+"""Places to start from on the coarsest pixels: the given one, and seeded ones about it."""
+
+SPREAD = 0.3
+"""Standard deviation of a seeded start, in units of the value, about the given one."""
+
+COARSE_UM = 1.0
+"""Coarse pixels are at most this wide ..."""
+FEWEST_PX = 40
+"""... and leave the smallest map at least this many pixels a side."""
+
+GAIN = 3e-5
+"""The descent ends when a fresh Jacobian promises less than this share of the cost; on coarse pixels 1e-3."""
+
+
+def fast(problem: Problem, start: Point, *, seed: int = 0) -> Point:
+    """Minimise the loss from a start.
+
+    Parameters
+    ----------
+    problem : Problem
+        At full resolution; its `work` counts what the coarse pixels cost too.
+    start : Point
+    seed : int
+        Of the further starts.
+    """
+    vectors = _starts(problem, start.vector, seed)
+    points = [start]
+    for factor in _factors(problem):
+        coarse = replace(
+            problem, recordings=tuple(coarser(r, factor) for r in problem.recordings), work=0.0, watch=None
+        )
+        found = [descend(coarse, coarse.at(v), gain=1e-2, iterations=4) for v in vectors]
+        best = min(found, key=lambda point: point.cost)
+        vectors = [descend(coarse, best, gain=1e-3, iterations=8).vector]
+        problem.work += coarse.work
+        points = [problem.at(vectors[0]), start]
+    best = min(points, key=lambda point: point.cost)
+    return descend(problem, best, gain=GAIN, iterations=40)
+
+
+def _factors(problem: Problem) -> list[int]:
+    """Return how many pixels to average, coarsest first; none where the recording itself is coarse."""
+    pitch = max(max(r.target.dx_um, r.target.dy_um) for r in problem.recordings)
+    side = min(min(r.target.shape) for r in problem.recordings)
+    factors, factor = [], 2
+    while factor * pitch <= COARSE_UM and side / factor >= FEWEST_PX:
+        factors.insert(0, factor)
+        factor *= 2
+    return factors
+
+
+def _starts(problem: Problem, vector: np.ndarray, seed: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    unit = np.maximum(np.abs(vector), 0.01 * (problem.free.high - problem.free.low))
+    drawn = [vector + SPREAD * unit * rng.standard_normal(len(vector)) for _ in range(STARTS - 1)]
+    return [vector, *(problem.free.allowed(place) for place in drawn)]

@@ -1,0 +1,195 @@
+"""A recording beside its target: which points count, and what is free about its levelling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import ndimage
+
+from dlwpredict.errors import ResultError, blaming
+from dlwpredict.heightmap import HeightMap, require_same_grid
+from dlwpredict.process import check_target
+
+WALL_PX = 3
+"""Points this near to a wall do not count. The wall's place is known to a pixel only, and two honest discretisations
+of the same physics differ there by 20–30 nm and more."""
+
+JUMP_UM, JUMP_SLOPE = 0.2, 1.0
+"""A wall is a jump between neighbours that exceeds what the slope around explains by this much, and by this slope."""
+
+FEWEST_POINTS = 500
+"""Measured points that a fit must at least have, all recordings together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One aligned recording and its target, ready to be fitted.
+
+    Parameters
+    ----------
+    name : str
+        What the user calls it.
+    target, measured : HeightMap
+        On one grid.
+    used : numpy.ndarray of bool, shape (rows, cols)
+        Points that count: measured, not filled, away from walls.
+    columns : numpy.ndarray, shape (points, nuisances)
+        Height changes that carry no information about the process, at the used points.
+    column_names : tuple of str
+        What the columns are; each coefficient is in µm.
+    """
+
+    name: str
+    target: HeightMap
+    measured: HeightMap
+    used: np.ndarray
+    columns: np.ndarray = field(repr=False)
+    column_names: tuple[str, ...] = ()
+
+    @property
+    def heights_um(self) -> np.ndarray:
+        """Measured heights at the used points, shape (points,)."""
+        return self.measured.heights_um[self.used]
+
+    @property
+    def points(self) -> int:
+        """Number of used points."""
+        return int(self.used.sum())
+
+    def on_map(self, values: np.ndarray) -> np.ndarray:
+        """Return values at the used points as a map, 0 elsewhere, shape (..., rows, cols)."""
+        maps = np.zeros((*values.shape[:-1], *self.used.shape))
+        maps[..., self.used] = values
+        return maps
+
+
+def prepare(
+    target: HeightMap,
+    measured: HeightMap,
+    *,
+    name: str = "recording",
+    target_name: str = "target",
+    wall_px: int = WALL_PX,
+) -> Recording:
+    """Check a pair and choose the points that count.
+
+    Where the recording's heights are relative, an offset and a tilt are free.
+
+    Raises
+    ------
+    InputError
+        Nothing written, negative or missing target heights, different grids, or no measured point left.
+    """
+    with blaming(target_name):
+        check_target(target)
+    require_same_grid(target, measured, (target_name, name))
+    used = measured.measured & ~near_walls(target, wall_px)
+    if not used.any():
+        raise ResultError(
+            f"none of {int(measured.measured.sum())} measured points lies {wall_px} px away from walls",
+            where=name,
+            key="heights",
+            allowed="use a smaller --wall-px or a structure with slopes",
+        )
+    recording = Recording(name, target, measured, used, np.zeros((int(used.sum()), 0)))
+    return with_nuisances(recording, None)
+
+
+def check_points(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that leave fewer points than a fit needs.
+
+    Raises
+    ------
+    ResultError
+        Fewer than `FEWEST_POINTS`.
+    """
+    points = sum(recording.points for recording in recordings)
+    if points < FEWEST_POINTS:
+        raise ResultError(
+            f"{points} measured points away from walls",
+            where=recordings[0].name,
+            key="heights",
+            allowed=f"at least {FEWEST_POINTS} in all recordings together",
+        )
+
+
+def near_walls(target: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
+    """Return True within ``wall_px`` pixels of a wall of the target, shape (rows, cols).
+
+    A slope that the pixels resolve changes little from one pixel to the next; at a wall the whole jump sits in one or
+    two. So the jump between neighbours is compared with the median jump over five pixels along the same line.
+    Beyond the map nothing is written.
+
+    Examples
+    --------
+    >>> step = HeightMap(np.repeat([[0.0] * 4 + [5.0] * 6 + [2.0] * 6 + [0.0] * 4], 12, axis=0), 0.1, 0.1)
+    >>> near_walls(step, 2)[6].astype(int).tolist()
+    [0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0]
+    """
+    heights = np.pad(target.heights_um, 1)
+    walls = np.zeros(heights.shape, dtype=bool)
+    for axis, pitch in ((0, target.dy_um), (1, target.dx_um)):
+        jump = np.diff(heights, axis=axis)
+        window = [5 if a == axis else 1 for a in (0, 1)]
+        excess = np.abs(jump - ndimage.median_filter(jump, size=window, mode="nearest"))
+        found = excess > max(JUMP_UM, JUMP_SLOPE * pitch)
+        before, after = (tuple(s if a == axis else slice(None) for a in (0, 1)) for s in (slice(-1), slice(1, None)))
+        walls[before] |= found
+        walls[after] |= found
+    if wall_px > 1:
+        walls = ndimage.binary_dilation(walls, iterations=wall_px - 1)
+    return walls[1:-1, 1:-1] & (wall_px > 0)
+
+
+def with_nuisances(recording: Recording, predicted_um: np.ndarray | None) -> Recording:
+    """Return the recording with its nuisance columns.
+
+    Parameters
+    ----------
+    predicted_um : numpy.ndarray, shape (rows, cols), optional
+        Where given, a lateral shift of the recording is free too, to first order: its columns are the gradient of
+        this prediction, so their coefficients are µm of shift.
+    """
+    grid, columns = recording.target, {}
+    if recording.measured.height_reference == "relative":
+        half_x, half_y = (size / 2 for size in grid.size_um)
+        columns["offset"] = np.ones(grid.shape)
+        columns["tilt_x"] = np.broadcast_to(grid.x_um / half_x, grid.shape)
+        columns["tilt_y"] = np.broadcast_to(grid.y_um[:, None] / half_y, grid.shape)
+    if predicted_um is not None:
+        columns["shift_x"] = -np.gradient(predicted_um, grid.dx_um, axis=1)
+        columns["shift_y"] = np.gradient(predicted_um, grid.dy_um, axis=0)
+    stacked = [column[recording.used] for column in columns.values()]
+    matrix = np.stack(stacked, axis=1) if stacked else np.zeros((recording.points, 0))
+    return replace(recording, columns=matrix, column_names=tuple(columns))
+
+
+def coarser(recording: Recording, factor: int) -> Recording:
+    """Return the pair on pixels ``factor`` times as wide; a wide pixel counts where most of it counted.
+
+    Rows and columns that do not fill a wide pixel are left out of the recording, but not out of the target: it is
+    completed with empty resin.
+    """
+    if factor == 1:
+        return recording
+    counts = _blocks(recording.used.astype(float), factor)
+    heights = _blocks(np.where(recording.used, recording.measured.heights_um, 0.0), factor)
+    used = counts > 0.5
+    measured = np.where(used, heights / np.where(used, counts, 1), np.nan)
+
+    def on_grid(values: np.ndarray) -> HeightMap:
+        grid = recording.target
+        return HeightMap(values, grid.dx_um * factor, grid.dy_um * factor, recording.measured.height_reference)
+
+    target = replace(on_grid(_blocks(recording.target.heights_um, factor)), height_reference="substrate")
+    empty = np.zeros((int(used.sum()), 0))
+    return with_nuisances(Recording(recording.name, target, on_grid(measured), used, empty), None)
+
+
+def _blocks(values: np.ndarray, factor: int) -> np.ndarray:
+    """Return the means over blocks of factor × factor pixels, zeros beyond the map."""
+    padded = np.pad(values, [(0, -n % factor) for n in values.shape])
+    rows, cols = (n // factor for n in padded.shape)
+    return padded.reshape(rows, factor, cols, factor).mean(axis=(1, 3))

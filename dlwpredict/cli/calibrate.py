@@ -1,0 +1,180 @@
+"""``dlwpredict calibrate``: the process parameters from pairs of target and recording."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dlwpredict.calibrate import Calibration, Point, Recording, calibrate, prepare
+from dlwpredict.calibrate.recordings import WALL_PX
+from dlwpredict.calibrate.report import report_of
+from dlwpredict.cli import options
+from dlwpredict.cli.console import detail, progress_shown, say, warn
+from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.files import read_height_map
+from dlwpredict.files.atomic import write_text
+from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
+from dlwpredict.files.provenance import provenance
+from dlwpredict.files.yaml_text import yaml_text
+from dlwpredict.flat import Free, choose
+
+COMMAND = "calibrate"
+CLASS = options.PairCommand
+
+
+class Method(StrEnum):
+    """How to descend."""
+
+    fast = "fast"
+    simplex = "simplex"
+
+
+class LossKind(StrEnum):
+    """What a residual costs."""
+
+    robust = "robust"
+    square = "square"
+
+
+def run(
+    pair: options.Pairs,
+    output: options.Output,
+    parameters: options.Parameters = None,
+    method: Annotated[
+        Method, typer.Option(help="Bounded least squares, or the paper's Downhill Simplex.")
+    ] = Method.fast,
+    loss: Annotated[LossKind, typer.Option(help="Huber's loss against spikes, or squares.")] = LossKind.robust,
+    fix: Annotated[
+        list[str] | None, typer.Option(help="Hold this parameter at its start value.", metavar="NAME")
+    ] = None,
+    free: Annotated[
+        list[str] | None, typer.Option(help="Fit this parameter, and only those freed.", metavar="NAME")
+    ] = None,
+    free_shift: Annotated[
+        bool, typer.Option("--free-shift/--fixed-shift", help="Let a small lateral shift of each recording be free.")
+    ] = True,
+    wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Likelihood profile for every weakly known parameter, not just the worst.")
+    ] = False,
+    report: Annotated[Path | None, typer.Option(help="All figures (.yaml or .json).")] = None,
+    seed: options.Seed = 0,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Fit one set of process parameters to all recordings, with 95 % intervals and what the data leave open.
+
+    $ dlwpredict calibrate --pair cin.tif cin_aligned.tif --pair air.tif air_aligned.tif -o process.yaml
+    """
+    options.check_outputs(output, report, overwrite=overwrite)
+    if report and report.suffix not in (".yaml", ".yml", ".json"):
+        raise InputError(
+            f"found {report.suffix or 'no ending'}", where=report, key="--report", allowed="allowed: .yaml, .json"
+        )
+    pairs = options.pairs_of(pair)
+    start = read_parameters(parameters)
+    with blaming(parameters or "start"):
+        moving = choose(start, fix=fix or (), free=free or ())
+    recordings = [_prepared(target, recording, wall_px) for target, recording in pairs]
+    with _progress() as show, _rescued(output, moving) as watch:
+        found = calibrate(
+            recordings,
+            moving,
+            method=method.value,
+            robust=loss is LossKind.robust,
+            free_shift=free_shift,
+            profile=True if profile else None,
+            seed=seed,
+            watch=lambda point: (watch(point), show(point)),
+        )
+    command = ["dlwpredict", COMMAND, *(word for files in pairs for word in ("--pair", *files))]
+    command += [
+        word
+        for key, value in _settings(parameters, method, loss, fix, free, free_shift, wall_px, seed)
+        for word in (key, *value)
+    ]
+    inputs = [path for files in pairs for path in files] + ([parameters] if parameters else [])
+    origin = provenance([*command, "-o", str(output)], inputs)
+    write_parameters(output, replace(found.parameters, provenance=origin))
+    if report:
+        content = {**report_of(found), "provenance": origin}
+        write_text(
+            report,
+            json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+            if report.suffix == ".json"
+            else yaml_text(content),
+        )
+    _tell(output, found)
+
+
+def _prepared(target: Path, recording: Path, wall_px: int) -> Recording:
+    part, measured = read_height_map(target), read_height_map(recording)
+    found = prepare(part, measured, name=str(recording), target_name=str(target), wall_px=wall_px)
+    detail(f"{recording}: {found.points} of {measured.heights_um.size} points count ({measured.height_reference})")
+    return found
+
+
+def _settings(parameters, method, loss, fix, free, free_shift, wall_px, seed) -> list[tuple[str, tuple[str, ...]]]:
+    """Return the options that were given, for the record."""
+    words = [("-p", (str(parameters),))] if parameters else []
+    words += [("--method", (method.value,)), ("--loss", (loss.value,))]
+    words += [("--fix", (name,)) for name in fix or ()] + [("--free", (name,)) for name in free or ()]
+    words += [] if free_shift else [("--fixed-shift", ())]
+    words += [] if wall_px == WALL_PX else [("--wall-px", (str(wall_px),))]
+    return [*words, ("--seed", (str(seed),))]
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[Point], None]]:
+    """Show predictions and rmse while the fit runs, on a terminal only."""
+    if not progress_shown():
+        yield lambda point: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn("calibrating"), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task, lowest = bar.add_task("", total=None), [float("inf")]
+
+        def show(point: Point) -> None:
+            lowest[0] = min(lowest[0], point.rmse_um)
+            bar.update(task, description=f"rmse {lowest[0]:.4f} µm")
+
+        yield show
+
+
+@contextmanager
+def _rescued(output: Path, free: Free) -> Iterator[Callable[[Point], None]]:
+    """Keep the best point so far; on Ctrl-C write it beside the output under a ``.partial`` name."""
+    best: list[Point] = []
+
+    def watch(point: Point) -> None:
+        if not best or point.rmse_um < best[0].rmse_um:
+            best[:] = [point]
+
+    try:
+        yield watch
+    except KeyboardInterrupt:
+        if not best:
+            raise ResultError("interrupted before the first prediction", where=output) from None
+        partial = output.with_name(f"{output.stem}.partial{output.suffix}")
+        write_parameters(partial, free.parameters(best[0].vector))
+        raise ResultError("interrupted", where=output, allowed=f"best so far is in {partial}") from None
+
+
+def _tell(output: Path, found: Calibration) -> None:
+    say(
+        f"{output}: rmse {found.start.rmse_um:.4f} -> {found.point.rmse_um:.4f} µm "
+        f"(left-out blocks {found.holdout.rmse_um:.4f} µm), {found.work['fit']:.0f} predictions' worth of work"
+    )
+    for name, value, (low, high) in zip(found.free.names, found.point.vector, found.intervals, strict=True):
+        say(f"  {name:<24} {value:8.4f}  95 % {low:.4f} to {high:.4f}")
+    for text in found.warnings:
+        warn(text)

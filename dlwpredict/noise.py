@@ -1,0 +1,218 @@
+"""Noise of a height map: white from pixel to pixel, plus a part with a correlation length; with masks treated exactly.
+
+Covariance over distance d: σ_n²·[d = 0] + σ_c²·(1 + √3·d/ℓ)·exp(−√3·d/ℓ), a nugget and a Matérn covariance of
+smoothness 3/2. Pixels that do not count are never filled with zeros and then filtered: products with the covariance
+are restricted to the pixels that count, and its inverse is solved for on these alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.optimize import minimize
+from scipy.signal.windows import tukey
+from scipy.sparse.linalg import LinearOperator, cg
+
+from dlwpredict.errors import ResultError
+
+LARGEST_PX = 256
+"""Maps are analysed in tiles of at most this many pixels a side."""
+
+TAPER = 0.2
+"""Share of each side over which a tile fades out before its spectrum is taken."""
+
+OUTLIER = 5.0
+"""Residuals are clipped at this many robust standard deviations, so that spikes do not pass for noise."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A noise model on a grid.
+
+    Parameters
+    ----------
+    white_um : float
+        Standard deviation of the part without correlation, µm.
+    correlated_um : float
+        Standard deviation of the correlated part, µm.
+    length_um : float
+        Correlation length ℓ of the Matérn-3/2, µm; its covariance falls to 1/e at 1.24·ℓ.
+    dx_um, dy_um : float
+        Pitch, µm.
+    noise_from : str
+        How it was estimated.
+
+    Examples
+    --------
+    >>> Noise(0.003, 0.004, 1.0, 0.5, 0.5).sigma_um
+    0.005
+    """
+
+    white_um: float
+    correlated_um: float
+    length_um: float
+    dx_um: float
+    dy_um: float
+    noise_from: str = "given"
+
+    @property
+    def sigma_um(self) -> float:
+        """Standard deviation of one pixel, µm."""
+        return float(np.hypot(self.white_um, self.correlated_um))
+
+    def covariance(self, shape: tuple[int, int]) -> np.ndarray:
+        """Return the covariance with pixel (0, 0) on a periodic grid, µm², shape ``shape``."""
+        rows, cols = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
+        distance = np.hypot(rows[:, None] * self.dy_um, cols * self.dx_um)
+        value = self.correlated_um**2 * matern(distance, self.length_um)
+        value[0, 0] += self.white_um**2
+        return value
+
+    def times(self, maps: np.ndarray) -> np.ndarray:
+        """Return covariance × map, exactly, shape (..., rows, cols); pixels that do not count must be 0."""
+        shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in maps.shape[-2:])
+        transfer = fft.rfft2(self.covariance(shape)).real
+        product = fft.irfft2(fft.rfft2(maps, shape) * transfer, shape)
+        return product[..., : maps.shape[-2], : maps.shape[-1]]
+
+    def solve(self, values: np.ndarray, used: np.ndarray, *, tolerance: float = 1e-6) -> np.ndarray:
+        """Return covariance⁻¹ × values over the pixels that count, by preconditioned conjugate gradients.
+
+        Parameters
+        ----------
+        values : numpy.ndarray, shape (..., points)
+            Values at the used pixels.
+        used : numpy.ndarray of bool, shape (rows, cols)
+
+        Raises
+        ------
+        ResultError
+            No convergence.
+        """
+        transfer = np.maximum(fft.rfft2(self.covariance(used.shape)).real, 1e-6 * self.sigma_um**2)
+
+        def times(vector: np.ndarray) -> np.ndarray:
+            return self.times(scatter(vector, used))[used]
+
+        def nearly_inverse(vector: np.ndarray) -> np.ndarray:
+            return fft.irfft2(fft.rfft2(scatter(vector, used)) / transfer, used.shape)[used]
+
+        size = (int(used.sum()),) * 2
+        operator, close = LinearOperator(size, times, dtype=float), LinearOperator(size, nearly_inverse, dtype=float)
+        solved = np.empty_like(values, dtype=float)
+        for place in np.ndindex(values.shape[:-1]):
+            solved[place], failed = cg(operator, values[place], rtol=tolerance, maxiter=500, M=close)
+            if failed:
+                raise ResultError(f"whitening did not converge ({self})", key="noise")
+        return solved
+
+    def conditional_mean(self, values: np.ndarray, used: np.ndarray) -> np.ndarray:
+        """Return the map with its gaps filled by what the noise model expects there, shape (rows, cols)."""
+        filled = self.times(scatter(self.solve(values, used), used))
+        filled[used] = values
+        return filled
+
+    def simulate(self, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+        """Draw one map of noise, shape (rows, cols), by circulant embedding on twice the size."""
+        wide = tuple(fft.next_fast_len(2 * n, real=True) for n in shape)
+        root = np.sqrt(np.maximum(fft.rfft2(self.covariance(wide)).real, 0))
+        return fft.irfft2(fft.rfft2(rng.standard_normal(wide)) * root, wide)[: shape[0], : shape[1]]
+
+    def effective_points(self, used: np.ndarray) -> float:
+        """Return how many independent points would know the mean as well as the used ones: n²σ²/ΣΣ C."""
+        counted = used.astype(float)
+        return float(counted.sum() ** 2 * self.sigma_um**2 / np.sum(counted * self.times(counted)))
+
+
+def matern(distance: np.ndarray, length: float) -> np.ndarray:
+    """Return the Matérn correlation of smoothness 3/2, (1 + √3·d/ℓ)·exp(−√3·d/ℓ)."""
+    scaled = np.sqrt(3) * distance / length
+    return (1 + scaled) * np.exp(-scaled)
+
+
+def scatter(values: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return values at the used pixels as a map, 0 elsewhere, shape (..., rows, cols)."""
+    maps = np.zeros((*values.shape[:-1], *used.shape))
+    maps[..., used] = values
+    return maps
+
+
+def estimate(
+    maps: Sequence[np.ndarray], used: np.ndarray, dx_um: float, dy_um: float, *, noise_from: str = "residual"
+) -> Noise:
+    """Estimate the noise by the debiased Whittle likelihood (Guillaumin et al., J. R. Stat. Soc. B 84, 1526, 2022).
+
+    The periodogram of the masked, tapered map is compared with its expectation under the model, the transform of
+    covariance × autocorrelation of the mask: gaps, edges and short maps are part of the model, nothing is filled.
+    What the model of the print cannot explain counts as noise, so a wrong model makes the noise larger and longer.
+
+    Parameters
+    ----------
+    maps : sequence of numpy.ndarray, shape (rows, cols)
+        Residuals (or differences of repeats, divided by √2), all of one noise, µm.
+    used : numpy.ndarray of bool, shape (rows, cols)
+        Pixels that count.
+    dx_um, dy_um : float
+        Pitch, µm.
+    noise_from : str
+        Where the maps come from, for the record.
+    """
+    bulk = np.concatenate([values[used] for values in maps])
+    cut = OUTLIER * max(1.4826 * float(np.median(np.abs(bulk))), 1e-6)
+    clipped = [np.where(used, np.clip(values, -cut, cut), 0.0) for values in maps]
+    tiles = [_Tile.of([values[at] for values in clipped], used[at]) for at in _tiles(used)]
+    pitch, side = min(dx_um, dy_um), min(n * p for n, p in zip(used.shape, (dy_um, dx_um), strict=True))
+    spread = float(np.std(np.clip(bulk, -cut, cut)))
+
+    def model(logs: np.ndarray) -> Noise:
+        white, correlated, length = np.exp(np.clip(logs, low, high))
+        return Noise(float(white), float(correlated), float(length), dx_um, dy_um, noise_from)
+
+    low = np.log([1e-3 * spread, 1e-3 * spread, 0.7 * pitch])
+    high = np.log([3 * spread, 3 * spread, max(side / 4, 2 * pitch)])
+    starts = [np.log([0.5 * spread, 0.9 * spread, length]) for length in np.geomspace(2 * pitch, side / 8, 4)]
+    misfit = lambda logs: sum(tile.misfit(model(logs)) for tile in tiles)  # noqa: E731
+    found = minimize(
+        misfit,
+        min(starts, key=misfit),
+        method="Nelder-Mead",
+        bounds=list(zip(low, high, strict=True)),
+        options={"xatol": 2e-3, "fatol": 1e-2, "maxfev": 300},
+    )
+    return model(found.x)
+
+
+def _tiles(used: np.ndarray) -> list[tuple[slice, slice]]:
+    """Return the at most four tiles with most used pixels, each no larger than `LARGEST_PX` a side."""
+    cuts = [np.linspace(0, n, -(-n // LARGEST_PX) + 1).astype(int) for n in used.shape]
+    places = [(slice(a, b), slice(c, d)) for a, b in zip(cuts[0], cuts[0][1:], strict=False)
+              for c, d in zip(cuts[1], cuts[1][1:], strict=False)]  # fmt: skip
+    return sorted(places, key=lambda at: -used[at].sum())[:4]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tile:
+    """One tile: mean periodogram of the tapered maps, and the autocorrelation of the taper."""
+
+    periodogram: np.ndarray
+    taper_correlation: np.ndarray
+    maps: int
+
+    @classmethod
+    def of(cls, maps: list[np.ndarray], used: np.ndarray) -> _Tile:
+        taper = np.outer(*(tukey(n + 2, TAPER)[1:-1] for n in used.shape)) * used
+        wide = tuple(2 * n for n in used.shape)
+        correlation = fft.irfft2(np.abs(fft.rfft2(taper, wide)) ** 2, wide)
+        spectra = [np.abs(fft.fft2(values * taper)) ** 2 for values in maps]
+        return cls(np.mean(spectra, axis=0), correlation, len(maps))
+
+    def misfit(self, noise: Noise) -> float:
+        """Return −2 ln of the Whittle likelihood up to a constant."""
+        rows, cols = self.periodogram.shape
+        expected = noise.covariance(self.taper_correlation.shape) * self.taper_correlation
+        folded = expected.reshape(2, rows, 2, cols).sum(axis=(0, 2))  # lags l and l − n share a frequency grid
+        power = np.maximum(fft.fft2(folded).real, 1e-30)
+        return self.maps * float(np.sum(np.log(power) + self.periodogram / power))
