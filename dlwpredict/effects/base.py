@@ -24,8 +24,8 @@ class Effect:
     class variables and is found by being a file in this folder.
 
     Parameters declared with a typical size switch the effect on: while all of them stand at their defaults it hands its
-    state on untouched, whatever its other parameters say. `isotropic` says whether, with settings at their
-    defaults, a turned or mirrored structure is changed alike.
+    state on untouched, whatever its other parameters say. `isotropic` says whether a turned or mirrored
+    structure is changed alike (parameters named after an axis aside).
     """
 
     name: ClassVar[str]

@@ -37,7 +37,6 @@ class SlopeError(MapEffect):
     source = "aperture limit asin(NA); Opt. Express 20(18), 19936; form is ours"
     confused_with = ("galvo-lag", "instrument-blur")
     separated_by = "the sample turned by 180° under the microscope"
-    isotropic = False
 
     bias_um: float = declare(0.0, "µm", -0.5, 0.5, "bias at slope 1, whatever its direction", typical=0.05)
     signed_x_um: float = declare(0.0, "µm", -0.5, 0.5, "bias at slope 1 along +x", typical=0.05)

@@ -23,7 +23,6 @@ class SubstrateTilt(MapEffect):
     source = "Lang 2022 (removes a plane: fabrication and measurement are not parallel); general knowledge"
     confused_with = ("print-field-curvature", "dose-memory")
     separated_by = "the substrate in view, heights levelled on it"
-    isotropic = False
 
     tilt_x_mrad: float = declare(0.0, "mrad", -20, 20, "rise of the glass along x", typical=5.0)
     tilt_y_mrad: float = declare(0.0, "mrad", -20, 20, "rise of the glass along y", typical=5.0)
