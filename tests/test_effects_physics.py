@@ -1,0 +1,452 @@
+"""Every effect against a closed form."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.special import ndtr, ndtri
+
+from dlwpredict.effects import library
+from dlwpredict.effects.dose_proximity import neighbourhood
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import Levels
+from dlwpredict.model.states import Focus
+from dlwpredict.parameters import Paper, ParameterSet, Readings
+from dlwpredict.process import predict, run, steps
+from dlwpredict.smoothing import FWHM_PER_SIGMA, lag
+
+PITCH, TOP = 0.4, 6.0
+P, S_Z = 0.42, 1.5 / FWHM_PER_SIGMA
+PAPER = Paper(threshold=P, shrinkage_min=1.0)
+
+
+def effect(name, **values):
+    return library()[name](**values)
+
+
+def pad(width_um=29.6, field_um=36.0, height_um=TOP, pitch=PITCH) -> HeightMap:
+    axis = (np.arange(round(field_um / pitch)) + 0.5) * pitch - field_um / 2
+    on = abs(axis) < width_um / 2
+    return HeightMap(height_um * np.outer(on, on), pitch, pitch)
+
+
+def exposed(target, *effects, paper=PAPER) -> np.ndarray:
+    """The exposed height: what is printed when nothing shrinks (κ_min = κ_max = 1)."""
+    return predict(target, ParameterSet(paper, effects=effects)).heights_um
+
+
+def measured(target, *effects) -> np.ndarray:
+    """What the instrument makes of a surface."""
+    state = target
+    for one in effects:
+        state = one(state)
+    return state.heights_um
+
+
+def top_at(dose: float) -> float:
+    """Where Φ((h − z)/s)·D² = P on a flat top."""
+    return TOP - S_Z * ndtri(P / dose**2)
+
+
+class TestThresholdChannel:
+    def test_vignetting_lowers_a_flat_top_by_the_focus_not_by_its_height(self):
+        for height in (4.0, 9.0):
+            target = pad(height_um=height)
+            vignetted = exposed(target, effect("vignetting", strength=0.2, centre_x_um=-30.0))
+            rho = (target.x_um + 30) / 50
+            row = slice(8, -8)
+            y = target.y_um[45] / 50
+            expected = [top_at(1 - 0.2 * (r**2 + y**2)) - TOP + height for r in rho[row]]
+            np.testing.assert_allclose(vignetted[45][row][5:-5], expected[5:-5], atol=3e-4)
+
+    def test_five_per_cent_of_intensity_shift_a_top_by_the_stated_slope(self):
+        target = pad()
+        gain = 1e-3
+        on, off = (exposed(target, effect("dose-memory", gain=g, length_um=0.5)) for g in (gain, 0.0))
+        slope = S_Z * 2 * P / (np.exp(-(ndtri(P) ** 2) / 2) / np.sqrt(2 * np.pi))
+        assert (on - off)[45, 60] / np.log1p(gain) == pytest.approx(slope, rel=0.01)
+
+    def test_dose_memory_rises_exponentially_to_its_plateau(self):
+        target = pad()
+        profile = exposed(target, effect("dose-memory", gain=0.1, length_um=3.0))[45]
+        inside = np.flatnonzero(abs(target.x_um) < 13.5)
+        way = target.x_um[inside] + 14.8
+        expected = [top_at(1 + 0.1 * (1 - np.exp(-w / 3.0))) for w in way]
+        np.testing.assert_allclose(profile[inside], expected, atol=3e-4)
+        assert profile[inside[-1]] == pytest.approx(top_at(1.1), abs=1e-4)
+
+    def test_dose_memory_resumes_behind_a_gap_with_what_is_left(self):
+        on = np.zeros((4, 90))
+        on[:, 10:40] = on[:, 45:80] = 1
+        before = (
+            library()["dose-memory"](gain=0.5, length_um=4.0).intensity(HeightMap(on, PITCH, PITCH), 0.5)[0] / 0.5 - 2
+        )
+        after_gap = before[39] * np.exp(-6 * PITCH / 4) + (1 - np.exp(-0.5 * PITCH / 4)) * (
+            1 + np.exp(-5.5 * PITCH / 4)
+        )
+        assert before[45] == pytest.approx(after_gap, rel=1e-12)
+
+    def test_line_ends_count_from_both_ends_of_every_segment(self):
+        on = np.zeros((60, 3))
+        on[5:25, 1] = on[35:50, 1] = 2.0
+        target = HeightMap(on, PITCH, PITCH)
+        one = effect("line-end-pileup", gain=0.1, length_um=2.0, end_ratio=0.5)
+        dose = one.intensity(target, 1.0)[:, 1]
+        rows = np.arange(60)
+        expected = np.ones(60)
+        half = PITCH / 4
+        for first, stop in ((5, 25), (35, 50)):
+            inside = slice(first, stop)
+            high, low = (rows[inside] - first + 0.5) * PITCH, (stop - rows[inside] - 0.5) * PITCH
+            expected[inside] += 0.1 * np.sinh(half) / half * (np.exp(-low / 2) + 0.5 * np.exp(-high / 2))
+        np.testing.assert_allclose(dose, expected, rtol=1e-12)
+        np.testing.assert_array_equal(one.intensity(target, 2.5), 1)
+
+    def test_proximity_of_a_wide_pad_is_a_difference_of_two_edges(self):
+        target = pad(height_um=8.0)
+        s = 4.0 / FWHM_PER_SIGMA
+        for z in (0.0, 3.0, 8.0, 10.0):
+            expected = ndtr((8 - z) / s) - ndtr(-z / s)
+            assert neighbourhood(target, z, 4.0)[45, 45] == pytest.approx(expected, abs=2e-5)
+        assert neighbourhood(target, 4.0, 4.0)[45, 8] == pytest.approx(
+            (2 * ndtr(4 / s) - 1) * ndtr(0.5 * PITCH / s), abs=2e-3
+        )
+
+    def test_edge_inhibition_lowers_a_flat_top_to_its_root(self):
+        s, gain = 3.0 / FWHM_PER_SIGMA, 0.2
+        root = brentq(
+            lambda z: ndtr((TOP - z) / S_Z) - P * (1 + gain * ndtr((z - TOP) / s)),
+            TOP - 2,
+            TOP + 2,
+        )
+        top = exposed(pad(), effect("edge-inhibition", gain=gain, fwhm_um=3.0))[45, 45]
+        assert top == pytest.approx(root, abs=2e-4)
+
+    def test_power_drift_acts_layer_by_layer(self):
+        drift = 0.2
+
+        def exposure(z):
+            layer = quad(
+                lambda t: (1 + drift * t / TOP) ** 2 * np.exp(-((t - z) ** 2) / (2 * S_Z**2)),
+                0,
+                TOP,
+                points=[z],
+                epsabs=1e-10,
+            )[0]
+            return layer / (S_Z * np.sqrt(2 * np.pi))
+
+        root = brentq(lambda z: exposure(z) - P, TOP - 2, TOP + 2)
+        assert exposed(pad(), effect("power-drift", drift=drift))[45, 45] == pytest.approx(root, abs=2e-4)
+
+
+class TestConversionChannel:
+    @pytest.mark.parametrize("conversion", [0.25, 1.0])
+    def test_dose_raises_cross_linking_in_proportion(self, conversion):
+        """δh = e·(κ_max − κ_min)·mean(c)·η·(D² − 1): it grows with height, unlike the threshold channel."""
+        target = pad(field_um=40)
+        paper = Paper(threshold=P, crosslink_fwhm_xy_um=3.0, crosslink_fwhm_z_um=3.0)
+        readings = Readings(crosslink_reference="bulk")
+        heights = [
+            predict(
+                target,
+                ParameterSet(
+                    paper,
+                    readings=readings,
+                    effects=(effect("dose-memory", gain=0.05, length_um=0.5, conversion=eta),),
+                ),
+            ).heights_um[50, 60]
+            for eta in (0.0, conversion)
+        ]
+        top, s = top_at(1.05), 3.0 / FWHM_PER_SIGMA
+        z = np.linspace(0, top, 4001)
+        mean = np.trapezoid(ndtr(z / s) - ndtr((z - top) / s), z) / top
+        expected = top * 0.3 * mean * conversion * (1.05**2 - 1)
+        assert heights[1] - heights[0] == pytest.approx(expected, rel=0.01)
+
+    def test_a_uniform_dose_cancels_where_cross_linking_is_taken_relative_to_its_own_maximum(self):
+        target = pad()
+        values = [
+            predict(target, ParameterSet(effects=(effect("dose-memory", gain=0.1, length_um=0.5, conversion=eta),)))
+            for eta in (0.0, 1.0)
+        ]
+        centre = np.s_[40:50, 40:60]
+        np.testing.assert_allclose(values[0].heights_um[centre], values[1].heights_um[centre], atol=2e-3)
+
+
+class TestFocus:
+    def test_wings_move_a_flat_top_to_the_root_of_both_parts(self):
+        weight = 0.2
+        root = brentq(lambda u: (1 - weight) * ndtr(u) + weight * ndtr(u / 3) - P, -3, 3)
+        top = exposed(pad(), effect("psf-wings", weight=weight))[45, 45]
+        assert top == pytest.approx(TOP - S_Z * root, abs=3e-4)
+
+    def test_astigmatism_keeps_the_area_and_turns_the_ellipse(self):
+        (part,) = effect("astigmatism", log_ratio=0.2, angle_deg=35.0).reshape(Focus(1.0, 3.0, 3.0, 1.0))
+        assert part.fwhm_x_um * part.fwhm_y_um == pytest.approx(9.0)
+        spot = np.zeros((61, 61))
+        spot[30, 30] = 1
+        cloud = part.spread(spot, 0.5, 0.5)
+        n = 0.5 * (np.arange(61) - 30)
+        xx, yy, xy = (np.einsum("rc,r,c->", cloud, a, b) for a, b in ((n**0, n**2), (n**2, n**0), (-n, n)))
+        s2, twice = (3 / FWHM_PER_SIGMA) ** 2, np.deg2rad(70)
+        assert xx == pytest.approx(s2 * (np.cosh(0.4) + np.sinh(0.4) * np.cos(twice)), rel=1e-4)
+        assert yy == pytest.approx(s2 * (np.cosh(0.4) - np.sinh(0.4) * np.cos(twice)), rel=1e-4)
+        assert xy == pytest.approx(s2 * np.sinh(0.4) * np.sin(twice), rel=1e-4)
+
+    @pytest.mark.parametrize("sigma", [0.4, 0.8, 3.0])
+    def test_a_turned_focus_tends_to_the_round_one(self, sigma):
+        plane = np.random.default_rng(0).random((30, 40))
+        width = sigma * FWHM_PER_SIGMA
+        straight = Focus(1.0, width, width, 1.0).spread(plane, 1.0, 1.0)
+        turned = Focus(1.0, width * 1.00001, width / 1.00001, 1.0, angle_deg=45.0).spread(plane, 1.0, 1.0)
+        np.testing.assert_allclose(turned, straight, atol=5e-5)
+
+    def test_spherical_aberration_on_a_flat_top(self):
+        longer = exposed(pad(), effect("spherical-aberration", broadening_per_um=0.05))[45, 45]
+        u = ndtri(P)
+        assert longer == pytest.approx((TOP - S_Z * u) / (1 + 0.05 * S_Z * u), abs=2e-4)
+        moved = exposed(pad(), effect("spherical-aberration", focus_shift=0.02))[45, 45]
+        assert moved == pytest.approx(TOP * 1.02 - S_Z * u, abs=1e-4)
+        layers = np.linspace(TOP - 8 * S_Z, TOP, 4001)
+
+        def exposure(z):
+            return np.trapezoid((1 - 0.02 * layers) ** 2 * np.exp(-(((layers - z) / S_Z) ** 2) / 2), layers) / (
+                S_Z * np.sqrt(2 * np.pi)
+            )
+
+        weaker = exposed(pad(), effect("spherical-aberration", loss_per_um=0.02))[45, 45]
+        assert weaker == pytest.approx(brentq(lambda z: exposure(z) - P, TOP - 2, TOP + 2), abs=1e-3)
+
+    @pytest.mark.parametrize("direction", [1.0, -1.0])
+    @pytest.mark.parametrize("length", [0.1, 0.5, 2.0])
+    def test_galvo_lag_delays_a_gentle_wave_as_the_exponential_does(self, length, direction):
+        """For a wave e^(iky) of small amplitude the kernel is 1/(1 + ikℓ)."""
+        pitch, period = 0.2, 6.0
+        y = (224.5 - np.arange(450)) * pitch
+        heights = 5 + 0.05 * np.sin(2 * np.pi * y / period)
+        target = HeightMap(np.repeat(heights[:, None], 30, axis=1), pitch, pitch)
+        paper = Paper(threshold=0.5, shrinkage_min=1.0)
+        late = exposed(target, effect("galvo-lag", lag_um=length, direction=direction), paper=paper)
+        straight = exposed(target, paper=paper)
+        inner = slice(195, 255)
+        wave = np.exp(-2j * np.pi * y[inner] / period)
+        ratio = (wave @ (late[inner, 15] - 5)) / (wave @ (straight[inner, 15] - 5))
+        expected = 1 / (1 + 2j * np.pi * direction * length / period)
+        assert abs(ratio - expected) < 4e-3
+
+    def test_lag_shifts_by_its_mean(self):
+        spot = np.zeros((40, 120))
+        spot[:, 60] = 1
+        n = np.arange(120) - 60
+        for length in (-3.0, 0.2, 1.0, 4.0):
+            late = lag(spot, length, axis=1)[0]
+            assert late @ n == pytest.approx(length, rel=1e-4)
+            assert late @ (n - length) ** 2 == pytest.approx(length**2, rel=1e-3)
+
+
+class TestTarget:
+    """What changes the heights written is the prediction of other heights."""
+
+    @pytest.fixture
+    def target(self):
+        x = np.linspace(0, 2 * np.pi, 50)
+        return HeightMap(np.pad(3 + np.outer(np.sin(x), np.cos(x)), 8), PITCH, PITCH)
+
+    def written(self, target, one):
+        state = run([s for s in steps(ParameterSet(effects=(one,)), Levels()) if s.stage in ("target", "dose")], target)
+        return state.written.heights_um
+
+    def test_interface_offset(self, target):
+        h = target.heights_um
+        np.testing.assert_array_equal(
+            self.written(target, effect("interface-offset", offset_um=0.5)), np.maximum(h - 0.5, 0)
+        )
+        gained = self.written(target, effect("interface-offset", offset_um=-0.3))
+        np.testing.assert_array_equal(gained, np.where(h > 0, h + 0.3, 0))
+
+    def test_substrate_tilt_is_linear_and_loses_what_rises(self, target):
+        wedge = self.written(target, effect("substrate-tilt", tilt_x_mrad=10.0, tilt_y_mrad=-20.0))
+        change = (wedge - target.heights_um)[10:-10, 10:-10]
+        np.testing.assert_allclose(np.diff(change, axis=1), -0.010 * PITCH, atol=1e-12)
+        # one row down is one step towards −y, where the glass is higher
+        np.testing.assert_allclose(np.diff(change, axis=0), -0.020 * PITCH, atol=1e-12)
+
+    def test_print_field_curvature(self, target):
+        one = effect("print-field-curvature", sag_um=0.4, tilt_y_mrad=3.0, centre_x_um=5.0)
+        x, y = np.meshgrid(target.x_um - 5, target.y_um)
+        bend = 0.4 * (x**2 + y**2) / 2500 + 3e-3 * y
+        h = target.heights_um
+        np.testing.assert_allclose(self.written(target, one), np.where(h > 0, h + bend, 0), atol=1e-12)
+
+    def test_z_drift(self, target):
+        h = target.heights_um
+        one = effect("z-drift", scale=0.01, quadratic_per_10um=0.05)
+        np.testing.assert_allclose(self.written(target, one), h * (1.01 + 0.005 * h), rtol=1e-12)
+
+    def test_stitching_displaces_every_second_block(self, target):
+        one = effect("stitching", step_um=0.1, seam_um=2.0, period_um=4.0)
+        change = (self.written(target, one) - target.heights_um)[30]
+        x = target.x_um
+        behind = np.floor((x - 2) / 4) % 2 == 0
+        np.testing.assert_allclose(change, np.where((target.heights_um[30] > 0) & behind, 0.1, 0), atol=1e-12)
+
+    def test_stitching_shift_follows_a_smooth_relief(self, target):
+        shifted = self.written(target, effect("stitching", shift_x_um=0.1, seam_um=-100.0))
+        k = 2 * np.pi / 49 / PITCH
+        rows, cols = np.arange(50)[:, None], np.arange(50)
+        expected = 3 + np.sin(k * PITCH * rows) * np.cos(k * (cols * PITCH - 0.1))
+        inside = np.s_[8 + 5 : -8 - 5, 8 + 5 : -8 - 5]
+        np.testing.assert_allclose(shifted[inside], expected[5:-5, 5:-5], atol=1e-4)
+
+    @pytest.mark.parametrize("width", [0.25, 1.0, 3.3])
+    def test_overlap_has_its_width_at_every_pitch(self, target, width):
+        dose = effect("stitching", overlap=0.2, width_um=width, seam_um=0.13).intensity(target, 1.0)
+        assert ((dose - 1) * PITCH).sum(axis=1) == pytest.approx(0.2 * width)
+        along_x = effect("stitching", overlap=0.2, width_um=width, angle_deg=90.0).intensity(target, 1.0)
+        assert ((along_x - 1) * PITCH).sum(axis=0) == pytest.approx(0.2 * width)
+
+
+class TestSurface:
+    def test_shrinkage_follows_the_power_of_cross_linking(self):
+        s = 3.0 / FWHM_PER_SIGMA
+        target = pad(32.0, 44.0)
+        paper = Paper(crosslink_fwhm_xy_um=3.0, crosslink_fwhm_z_um=3.0)
+        one = effect("shrinkage-nonlinearity", exponent=1.7)
+        printed = predict(target, ParameterSet(paper, effects=(one,))).heights_um[55, 55]
+        z = np.linspace(0, TOP, 20001)
+        m_cl = ndtr(z / s) - ndtr((z - TOP) / s)
+        kappa = 0.7 + 0.3 * np.trapezoid((m_cl / m_cl.max()) ** 1.7, z) / TOP
+        assert printed == pytest.approx(kappa * TOP, abs=3e-4)
+
+    def test_edge_drying_decays_from_every_edge(self):
+        target = pad(20.0, 24.0)
+        dried = measured(target, effect("edge-drying", depth_um=0.5, length_um=2.0))
+        for steps_in in (0, 3, 10):
+            distance = (steps_in + 0.5) * PITCH
+            expected = TOP - 0.5 * np.exp(-distance / 2.0)
+            assert dried[30, 5 + steps_in] == pytest.approx(expected)
+            assert dried[54 - steps_in, 30] == pytest.approx(expected)
+        assert not dried[:5].any()
+
+    def test_curl_rises_at_the_middle_of_the_edge_whatever_the_footprint(self):
+        for width in (8.0, 20.0):
+            bent = measured(pad(width, 24.0, pitch=0.1), effect("curl", rise_um=0.3))[120]
+            assert bent[bent > 0][-1] - TOP == pytest.approx(0.3, rel=0.03)
+            assert bent[120] - TOP == pytest.approx(0, abs=1e-3)
+
+    def test_curl_follows_the_footprint_away_from_the_centre(self):
+        target = pad(8.0, 24.0, pitch=0.2)
+        moved = target.with_heights(np.roll(target.heights_um, 25, axis=1))
+        bend = effect("curl", rise_um=0.3)
+        np.testing.assert_allclose(measured(moved, bend), np.roll(measured(target, bend), 25, axis=1), atol=1e-12)
+
+    def test_lateral_shrinkage_draws_each_height_by_its_own_share(self):
+        """h′(x′(x)) = h(x) on a gentle hill."""
+        axis = (np.arange(200) - 99.5) * 0.2
+        hill = 3 + 2 * np.exp(-((axis[:, None] - 4) ** 2 + (axis + 5) ** 2) / 60)
+        target = HeightMap(np.pad(hill, 10), 0.2, 0.2)
+        moved = measured(target, effect("lateral-shrinkage", strain=0.05, pin_height_um=4.0))
+        for row, col in ((100, 60), (60, 130), (150, 90)):
+            h = target.heights_um[row, col]
+            factor = 1 - 0.05 * (1 - np.exp(-h / 4.0))
+            new_row, new_col = (109.5 + (i - 109.5) * factor for i in (row, col))
+            r, c = int(new_row), int(new_col)
+            patch = moved[r : r + 2, c : c + 2]
+            a, b = new_row - r, new_col - c
+            bilinear = np.array([1 - a, a]) @ patch @ np.array([1 - b, b])
+            assert bilinear == pytest.approx(h, abs=1e-3)
+
+    def test_lateral_shrinkage_leans_walls_and_holds_the_base(self):
+        target = pad(20.0, 24.0, pitch=0.1)
+        strain, pin = 0.1, 3.0
+        profile = measured(target, effect("lateral-shrinkage", strain=strain, pin_height_um=pin))[120]
+        x = target.x_um
+        assert (profile[abs(x) < 10] > 0).all()
+        assert not profile[abs(x) > 10].any()
+        wall = (abs(x) > 10 * (1 - strain * (1 - np.exp(-TOP / pin))) + 0.1) & (abs(x) < 9.9)
+        expected = -pin * np.log(1 - (1 - abs(x[wall]) / 10) / strain)
+        np.testing.assert_allclose(profile[wall], expected, atol=1e-4)
+        assert profile[120] == pytest.approx(TOP, abs=1e-6)
+
+
+class TestMeasurement:
+    @pytest.fixture
+    def wave(self):
+        x = (np.arange(200) - 99.5) * 0.1
+        return HeightMap(np.repeat(4 + 0.3 * np.sin(2 * np.pi * x / 2.0)[None], 40, axis=0), 0.1, 0.1)
+
+    def test_blur_damps_a_wave_by_its_transfer_function(self, wave):
+        blurred = measured(wave, effect("instrument-blur", fwhm_um=0.8))
+        damping = np.exp(-2 * (np.pi * 0.8 / FWHM_PER_SIGMA / 2.0) ** 2)
+        np.testing.assert_allclose((blurred - 4)[20, 60:140], damping * (wave.heights_um - 4)[20, 60:140], atol=2e-4)
+
+    def test_blur_of_a_plateau_ignores_gaps(self):
+        heights = np.full((30, 30), 2.0)
+        heights[10:13, 5:9] = np.nan
+        blurred = measured(
+            HeightMap(np.pad(heights, 20, constant_values=2.0), 0.2, 0.2), effect("instrument-blur", fwhm_um=0.9)
+        )
+        np.testing.assert_allclose(blurred[20:-20, 20:-20][~np.isnan(heights)], 2.0, rtol=1e-6)
+
+    def test_batwings_overshoot_at_steps_and_spare_gentle_ground(self, wave):
+        gentle = wave.with_heights(4 + 0.2 * (wave.heights_um - 4))
+        assert abs(measured(gentle, effect("batwings", gain=0.5)) - gentle.heights_um)[:, 30:-30].max() < 1e-5
+        step = np.where(np.arange(60) < 30, 3.0, 5.0)
+        map_ = HeightMap(np.repeat(step[None], 60, axis=0), 0.2, 0.2)
+        change = (measured(map_, effect("batwings", gain=0.5)) - map_.heights_um)[30]
+        assert change[30] == pytest.approx(-change[29]) and change[30] > 0.2
+        assert abs(change[10:25]).max() < 1e-9
+
+    def test_slope_error_on_a_ramp(self):
+        x, y = np.meshgrid(np.arange(40) * 0.2, np.arange(40)[::-1] * 0.2)
+        ramp = HeightMap(1 + 0.3 * x + 0.4 * y, 0.2, 0.2)
+        read = measured(ramp, effect("slope-error", bias_um=0.1, signed_x_um=0.05, signed_y_um=-0.02))
+        np.testing.assert_allclose(read - ramp.heights_um, 0.1 * 0.25 + 0.05 * 0.3 - 0.02 * 0.4, atol=1e-9)
+        angle = np.rad2deg(np.arctan(0.5))
+        assert np.isnan(measured(ramp, effect("slope-error", max_angle_deg=angle - 1))).all()
+        assert not np.isnan(measured(ramp, effect("slope-error", max_angle_deg=angle + 1))).any()
+
+    def test_slope_error_of_a_wall_is_capped(self):
+        wall = HeightMap(np.repeat(np.where(np.arange(20) < 10, 0.0, 9.0)[None], 20, axis=0), 0.2, 0.2)
+        read = measured(wall, effect("slope-error", bias_um=0.1, signed_x_um=0.05))
+        assert (read - wall.heights_um).max() == pytest.approx(0.1 * 3 + 0.05 * np.sqrt(3))
+
+    def test_z_amplification_is_a_factor(self, wave):
+        np.testing.assert_array_equal(measured(wave, effect("z-amplification", gain=0.03)), 1.03 * wave.heights_um)
+
+    def test_z_linearity_is_zero_in_the_middle_and_full_at_both_ends(self):
+        ramp = HeightMap(np.repeat(np.linspace(0, 8, 41)[None], 5, axis=0), 1, 1)
+        error = (measured(ramp, effect("z-linearity", quadratic_um=0.05)) - ramp.heights_um)[2]
+        assert error[[0, 20, 40]] == pytest.approx([0.05, 0, 0.05], abs=1e-12)
+        wavy = (
+            measured(ramp, effect("z-linearity", periodic_um=0.05, period_um=4.0, phase_rad=0.5)) - ramp.heights_um
+        )[2]
+        np.testing.assert_allclose(wavy, 0.05 * np.sin(2 * np.pi * ramp.heights_um[2] / 4 + 0.5), atol=1e-12)
+
+    def test_field_curvature_at_fifty_micrometres(self):
+        flat = HeightMap(np.full((101, 101), 3.0), 1.0, 1.0)
+        form = measured(flat, effect("field-curvature", sag_um=0.1, coma_x_um=0.04, coma_y_um=-0.02)) - 3
+        # rows run downwards
+        ends = [form[50, 100], form[50, 0], form[0, 50], form[100, 50], form[50, 50]]
+        assert ends == pytest.approx([0.14, 0.06, 0.08, 0.12, 0.0])
+        moved = measured(flat, effect("field-curvature", sag_um=0.1, centre_x_um=10.0)) - 3
+        assert moved[50, 60] == pytest.approx(0) and moved[50, 10] == pytest.approx(0.1)
+
+    def test_misregistration_shows_each_point_where_the_pose_says(self):
+        """The target point p lies in the recording at shift + R·diag(scale)·p, as in align.yaml."""
+        x, y = np.meshgrid((np.arange(121) - 60) * 0.25, (60 - np.arange(121)) * 0.25)
+        peak = (8.0, 5.0)
+        hill = HeightMap(2 * np.exp(-((x - peak[0]) ** 2 + (y - peak[1]) ** 2) / 4), 0.25, 0.25)
+        pose = {"shift_x_um": 0.7, "shift_y_um": -0.4, "rotation_deg": 4.0, "scale_x": 1.05, "scale_y": 0.97}
+        seen = measured(hill, effect("misregistration", **pose))
+        centre = [float((seen * a).sum() / seen.sum()) for a in (x, y)]
+        turn = np.deg2rad(4.0)
+        px, py = 1.05 * peak[0], 0.97 * peak[1]
+        expected = [0.7 + px * np.cos(turn) - py * np.sin(turn), -0.4 + px * np.sin(turn) + py * np.cos(turn)]
+        assert centre == pytest.approx(expected, abs=2e-3)
+
+    def test_shear_moves_along_x_in_proportion_to_y(self):
+        x, y = np.meshgrid((np.arange(121) - 60) * 0.25, (60 - np.arange(121)) * 0.25)
+        hill = HeightMap(np.exp(-(x**2 + (y - 10) ** 2) / 4), 0.25, 0.25)
+        seen = measured(hill, effect("misregistration", shear_mrad=40.0))
+        assert float((seen * x).sum() / seen.sum()) == pytest.approx(0.4, abs=1e-3)
