@@ -33,13 +33,13 @@ class Alignment:
     rejected_spikes : int
         Points of the recording rejected as spikes.
     uncertainty : dict
-        One standard error per figure, same shape as the figure.
+        One standard error per figure, same shape as the figure; 0 where the distortion keeps it fixed.
     distortion : str
         rigid, affine or bow.
     distortion_test : dict
         Per distortion tried: p_value, rim_px (what it moves at the target's rim), blocks, accepted.
     symmetry : str
-        "none", "n-fold" where the target looks the same after n turns, "round", or "other" (a shift or mirror image).
+        "none", "n-fold" where the target looks the same after n turns, "round", "mirror", or "shift".
     quality : dict
         height_gain, correlation_explained, residual_rms_um, match_log_odds, lead_log_odds.
     """

@@ -7,15 +7,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlwpredict.align.evidence import correlation, explained_evidence, relief_evidence
 from dlwpredict.align.pose import Pose
-from dlwpredict.align.refine import Level, refine
-from dlwpredict.align.search import Peak, Search, near, search
-from dlwpredict.align.surface import Surface
+from dlwpredict.align.refine import SMOOTHING, Level, refine
+from dlwpredict.align.search import Peak, Search, distinct, search
+from dlwpredict.align.surface import Surface, grid_um
 from dlwpredict.errors import ResultError
 
-ODDS = float(np.log(100.0))  # a match, and one pose against another, is taken at 100 : 1
-PEAKS = 8
+ODDS = float(np.log(20.0))  # a match, and one pose against another, is taken at 20 : 1, i.e. at 95 %
+PEAKS = 6
+TURN_DEG = sorted({360.0 * k / n for n in (2, 3, 4, 5, 6, 8) for k in range(n)})
+TURNS = 8
 CANDIDATE_POINTS = 96
+SAME = 1e-3  # share of the target's variance that two equivalent poses may differ by: sampling alone
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A refined pose and the evidence of the relief there (nats)."""
+
+    peak: Peak
+    relief: float
 
 
 @dataclass(frozen=True)
@@ -43,9 +55,9 @@ def choose(recording: Surface, target: Surface) -> Choice:
     """Search all poses, refine the best ones, and take the one that stands out.
 
     Two questions, both by likelihood. Are the maps related: the mean likelihood over every pose tried (a uniform
-    prior) must beat "no relation" 100 : 1, so that trying many poses is paid for. Which pose: the best must beat
-    every other 100 : 1, except those that the target's own symmetry makes equal; of these the unmirrored one with
-    the smallest rotation is taken.
+    prior, so that trying many poses is paid for), times that of the relief beyond the outline, must beat "no relation"
+    20 : 1. Which pose: one that shows the relief, and beats every other 20 : 1 (`explained_evidence`), except those
+    that the target's own symmetry makes equal; of these the unmirrored one with the smallest rotation is taken.
 
     Raises
     ------
@@ -55,65 +67,84 @@ def choose(recording: Surface, target: Surface) -> Choice:
     found = search(recording, target)
     if not found.peaks:
         raise ResultError("no reliable match: one of the maps has no relief", key="match", allowed="needs structure")
-    peaks = _refined(recording, target, found)
-    best = peaks[0]
-    log_odds = found.log_odds + max(best.evidence - found.peaks[0].evidence, 0.0)
+    candidates = _refined(recording, target, found)
+    best = candidates[0].peak
+    log_odds = found.log_odds + candidates[0].relief
+    log_odds += max(_independent_evidence(best, found.area_um2) - found.peaks[0].evidence, 0.0)
     if log_odds < ODDS:
         odds = f"{np.exp(log_odds):.3g} : 1" if log_odds > 0 else f"1 : {np.exp(-log_odds):.3g}"
         raise ResultError(
             f"no reliable match: the best of all poses correlates at {best.correlation:.2f}, odds {odds}",
             key="match",
-            allowed="needed 100 : 1 (unrelated or featureless maps?)",
+            allowed="needed 20 : 1 (unrelated or featureless maps?)",
         )
-    equal = [p for p in peaks if _equivalent(target, best, p)]
-    rivals = [p for p in peaks if p not in equal]
-    lead = best.evidence - rivals[0].evidence if rivals else best.evidence
-    if lead < ODDS:
+    peaks = [candidate.peak for candidate in candidates]
+    ties = [p for p in peaks if best.evidence - p.evidence < ODDS]
+    odd = [p for p in ties if not _equivalent(target, best.pose, p.pose)]
+    if odd:
+        other = odd[0]
         raise ResultError(
-            f"no reliable match: {_say(best)} and {_say(rivals[0])} fit equally well",
+            f"no reliable match: {_say(best)} and {_say(other)} fit equally well",
             key="match",
             allowed="one must stand out",
         )
-    ties = [p for p in equal if best.evidence - p.evidence < ODDS]
-    chosen = min(ties, key=lambda p: (p.pose.mirrored, round(abs(p.pose.rotation_deg)), np.hypot(*p.pose.shift_um)))
-    return Choice(chosen, log_odds, lead, [p.pose for p in ties])
+    rivals = [p for p in peaks if p not in ties]
+    lead = best.evidence - (rivals[0].evidence if rivals else 0.0)
+    turned = [replace(best, pose=pose) for pose in _turned(best.pose) if _equivalent(target, best.pose, pose)]
+    equal = distinct([*ties, *turned], found.pitch_um, 2.0)
+    chosen = min(equal, key=lambda p: (p.pose.mirrored, round(abs(p.pose.rotation_deg)), np.hypot(*p.pose.shift_um)))
+    return Choice(chosen, log_odds, lead, [p.pose for p in equal])
 
 
-def _refined(recording: Surface, target: Surface, found: Search) -> list[Peak]:
-    """Refine the best peaks of either hand at a pitch finer than the search's; best first."""
+def _turned(pose: Pose) -> list[Pose]:
+    """Poses that a target symmetric about its centre would make equal: turned by n-ths of a circle, and mirrored."""
+    x, y = pose.shift_um
+    hands = [pose, replace(Pose.rigid((-x, y), -pose.rotation_deg, mirrored=not pose.mirrored), reach_um=pose.reach_um)]
+    return [
+        Pose.rigid(hand.shift_um, hand.rotation_deg + turn, reach_um=pose.reach_um, mirrored=hand.mirrored)
+        for hand in hands
+        for turn in TURN_DEG
+    ]
+
+
+def _refined(recording: Surface, target: Surface, found: Search) -> list[_Candidate]:
+    """Refine the best peaks of either hand at a pitch finer than the search's; best first.
+
+    Poses at which the recording shows less of the relief than at another, by 20 : 1, are dropped.
+    """
     level = Level.of(recording, target, max(target.size_um) / CANDIDATE_POINTS)
     turned = Level.of(recording.mirrored(), target, level.pitch_um)
     reach = tuple(size / 2 for size in target.size_um)
-    worth = [p for p in found.peaks if p.evidence > 0.3 * found.peaks[0].evidence]
-    refined: list[Peak] = []
+    refined = []
     for mirrored in (False, True):
-        for peak in [p for p in worth if p.pose.mirrored == mirrored][:PEAKS]:
-            fit = refine(turned if mirrored else level, replace(peak.pose, reach_um=reach), "rigid")
-            shared = float(np.sum(fit.weights > 0)) * level.pitch_um**2
-            r2 = min(fit.correlation, 0.9999) ** 2
-            evidence = -0.5 * shared / found.area_um2 * np.log1p(-r2)
-            refined.append(Peak(fit.pose, fit.correlation, float(evidence)))
-    refined.sort(key=lambda p: -p.evidence)
-    kept: list[Peak] = []
-    for peak in refined:
-        if not any(near(peak.pose, other.pose, found.pitch_um, 2.0) for other in kept):
-            kept.append(peak)
-    return kept
+        for peak in [p for p in found.peaks if p.pose.mirrored == mirrored][:PEAKS]:
+            fit = refine(turned if mirrored else level, replace(peak.pose, reach_um=reach), "rigid", turns=TURNS)
+            area = float(np.sum(fit.weights > 0)) * level.pitch_um**2
+            peak = Peak(fit.pose, correlation(fit), explained_evidence(fit), area)
+            refined.append(_Candidate(peak, relief_evidence(fit) or 0.0))
+    most = max(candidate.relief for candidate in refined)
+    showing = {id(c.peak): c for c in refined if c.relief >= most - ODDS}
+    kept = distinct([c.peak for c in showing.values()], found.pitch_um, 2.0)
+    return [showing[id(peak)] for peak in kept]
 
 
-def _equivalent(target: Surface, best: Peak, other: Peak) -> bool:
-    """Tell whether going over from one pose to the other leaves the target as it is, within the match's misfit."""
-    if other is best:
-        return True
-    x, y = Level.of(target, target, max(target.size_um) / CANDIDATE_POINTS).grid
-    u, v = best.pose.to_recording(x, y)
-    u, v = other.pose.to_target(-u if best.pose.mirrored != other.pose.mirrored else u, v)
-    here, seen = target.at(x, y, order=1)[0], target.at(u, v, order=1)
-    use = seen[1] > 0.5
+def _independent_evidence(peak: Peak, area_um2: float) -> float:
+    """Evidence of a correlation over the shared area, as in `search`."""
+    r2 = min(max(peak.correlation, 0.0), 0.9999) ** 2
+    return float(-0.5 * peak.area_um2 / area_um2 * np.log1p(-r2))
+
+
+def _equivalent(target: Surface, best: Pose, other: Pose) -> bool:
+    """Tell whether the target looks the same after going over from one pose to the other."""
+    x, y = grid_um(target.size_um, max(target.size_um) / CANDIDATE_POINTS)
+    u, v = best.to_recording(x, y)
+    u, v = other.to_target(-u if best.mirrored != other.mirrored else u, v)
+    smooth = target.smoothed(SMOOTHING * max(target.size_um) / CANDIDATE_POINTS)
+    (here, _), (there, seen) = smooth.at(x, y), smooth.at(u, v)
+    use = seen > 0.5
     if use.mean() < 0.3:
         return False
-    same = float(np.corrcoef(here[use], seen[0][use])[0, 1])
-    return 1 - same**2 < max(1 - best.correlation**2, 0.02) and same > 0
+    return float(np.corrcoef(here[use], there[use])[0, 1]) > 1 - SAME
 
 
 def _say(peak: Peak) -> str:

@@ -35,8 +35,8 @@ def register(levels: list[Level], pose: Pose, wanted: str, pixel_um: float) -> R
 
     ``wanted`` is rigid, affine or bow, or auto: bow where its six terms differ from zero, else affine where scale
     and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the block-sandwich covariance,
-    T²·(B − q)/(q(B − 1)) against F(q, B − q) over B blocks, p < 0.001; and the rim moves by more than a tenth of a
-    target pixel.
+    T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks, p < 0.001; and the rim moves by more than a
+    tenth of a target pixel.
     """
     for level in levels:
         fit = refine(level, pose, "rigid")
@@ -78,8 +78,8 @@ def _test(fit: Fit, model: str, pixel_um: float) -> dict[str, float | bool]:
     count = len(added)
     size = np.sqrt(np.maximum(np.diag(spread), 1e-30))
     t2 = float(added / size @ np.linalg.pinv(spread / np.outer(size, size), hermitian=True) @ (added / size))
-    free = max(blocks - count, 1)
-    p = float(stats.f.sf(t2 * free / (count * max(blocks - 1, 1)), count, free))
+    free = max(blocks - count, 1.0)
+    p = float(stats.f.sf(t2 * free / (count * max(blocks - 1, 1.0)), count, free))
     move = _rim_move(fit.pose, model) / pixel_um
     return {"p_value": p, "rim_px": move, "blocks": blocks, "accepted": p < SIGNIFICANCE and move > LEAST_MOVE_PX}
 

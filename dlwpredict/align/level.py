@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.align.plane import plane_columns, robust_fit
-from dlwpredict.align.uncertainty import block_covariance, block_index
+from dlwpredict.align.uncertainty import layouts, widest_covariance
 from dlwpredict.heightmap import HeightMap, HeightReference
 
 FLANK_UM = 1.5  # three default exposure FWHMs: farther out the print's flank has ended
@@ -59,7 +59,6 @@ def find_plane(aligned: HeightMap, target: HeightMap, margin_um: float) -> Plane
     x, y = np.meshgrid(target.x_um, target.y_um)
     measured = aligned.measured & ~np.isnan(target.heights_um)
     bare = measured & substrate(target, margin_um)
-    index = block_index(target.shape)
     if bare.sum() >= LEAST_POINTS and _leverage(x, y, bare) <= MOST_LEVERAGE:
         columns, use, reference = plane_columns(x[bare], y[bare]), bare, "substrate"
     else:
@@ -67,7 +66,8 @@ def find_plane(aligned: HeightMap, target: HeightMap, margin_um: float) -> Plane
         use, reference = measured, "relative"
     values = aligned.heights_um[use]
     found, weights = robust_fit(columns, values)
-    covariance, _ = block_covariance(columns, weights, values - columns @ found, index[use.ravel()])
+    blocks = [layout[use.ravel()] for layout in layouts(target.shape)]
+    covariance, _ = widest_covariance(columns, weights, values - columns @ found, blocks)
     gain = _gain(aligned, target, measured) if reference == "substrate" else float(found[3])
     return Plane(found[:3], covariance[:3, :3], reference, gain)
 

@@ -30,7 +30,8 @@ def likeness_columns(target: np.ndarray) -> np.ndarray:
 
     The print and its recording are isotropic to good approximation: blur of focus and instrument, threshold,
     shrinkage that grows with the cross-linked neighbourhood, cut corners. Here these are sums of T, T², T³ and of
-    Gσ∗T, T·(Gσ∗T), Gσ∗F, T·(Gσ∗F) (F: footprint T > 0) with Gaussians of all widths, and a plane for the tilt. A
+    Gσ∗T, T·(Gσ∗T), Gσ∗F, T·(Gσ∗F) (F: footprint T > 0) with Gaussians of all widths, of |∇T| and |∇T|² (edges that
+    grow sideways, slopes that read low), and a plane for the tilt. A
     symmetric kernel moves no feature, so what these columns take up is never mistaken for a shift.
 
     Parameters
@@ -57,6 +58,9 @@ def _terms(target: np.ndarray) -> Iterator[np.ndarray]:
     if 0.01 < inside.mean() < 0.99:
         yield inside
         sources.append(inside)
+    for sigma in (0.0, 1.5):
+        slope = np.hypot(*np.gradient(gaussian_reflected(height, sigma)))
+        yield from (slope, slope**2)
     sigma = 1.5
     while sigma <= min(target.shape) / 8:
         for source in sources:

@@ -39,6 +39,11 @@ class Level:
     def _sampled(self) -> tuple[np.ndarray, np.ndarray]:
         return self.target.at(*self.grid)
 
+    @property
+    def target_heights(self) -> np.ndarray:
+        """Smoothed target on the grid, µm, shape (rows, cols)."""
+        return self._sampled[0]
+
     @cached_property
     def columns(self) -> np.ndarray:
         """`likeness_columns` of the target, shape (points, columns)."""

@@ -9,10 +9,11 @@ import numpy as np
 from dlwpredict.align.alignment import Alignment
 from dlwpredict.align.choose import Choice, choose, rotations
 from dlwpredict.align.distortion import Registration, register
+from dlwpredict.align.evidence import correlation
 from dlwpredict.align.fill import extend, inside_hull
 from dlwpredict.align.level import FLANK_UM, Plane, find_plane
 from dlwpredict.align.plane import mad_sigma
-from dlwpredict.align.refine import Level
+from dlwpredict.align.refine import Level, refine
 from dlwpredict.align.resample import prepared, resample
 from dlwpredict.align.spikes import confirmed_spikes, suspected_spikes
 from dlwpredict.align.surface import Surface
@@ -128,8 +129,8 @@ def _choose(surface: Surface, target: HeightMap) -> tuple[_Scene, Choice]:
     """Choose the pose, with and without an empty frame where the part reaches the target's rim.
 
     Where the target ends on substrate, the frame is sure: nothing was written there. Where the part reaches the rim,
-    it may stand free (its outline then tells its rotation) or be cut out of something larger; the better match
-    decides.
+    it may be cut out of something larger or stand free: the frame is taken in if the match is better with it, or if the
+    inside alone does not settle the pose.
     """
     heights = target.heights_um
     rim = np.concatenate([heights[0], heights[-1], heights[:, 0], heights[:, -1]])
@@ -141,9 +142,19 @@ def _choose(surface: Surface, target: HeightMap) -> tuple[_Scene, Choice]:
             results.append((scene, choose(surface, scene.surface)))
         except ResultError as problem:
             problems.append(problem)
+        if results and len(results[0][1].equivalents) == 1:
+            return (scene, results[0][1]) if framed else (_framed_if_better(surface, target, scene, results[0][1]))
     if not results:
         raise problems[0]
-    return max(results, key=lambda result: result[1].peak.correlation)
+    return min(results, key=lambda result: len(result[1].equivalents))
+
+
+def _framed_if_better(surface: Surface, target: HeightMap, bare: _Scene, choice: Choice) -> tuple[_Scene, Choice]:
+    """Take the frame in where the recording agrees with it: target and frame correlate better than the target alone."""
+    framed, pose = _Scene.of(target, framed=True), choice.peak.pose
+    view = surface.mirrored() if pose.mirrored else surface
+    fits = [refine(_levels(view, scene.surface)[0], pose, "rigid") for scene in (bare, framed)]
+    return (framed if correlation(fits[1]) > correlation(fits[0]) else bare), choice
 
 
 def _levels(recording: Surface, target: Surface) -> list[Level]:
@@ -229,7 +240,9 @@ def _symmetry(found: Registration, choice: Choice) -> str:
     turns = len(rotations(choice.equivalents))
     if turns > 1:
         return f"{turns}-fold"
-    return "other" if len(choice.equivalents) > 1 else "none"
+    if any(pose.mirrored for pose in choice.equivalents):
+        return "mirror"
+    return "shift" if len(choice.equivalents) > 1 else "none"
 
 
 def _correlation(first: np.ndarray, second: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

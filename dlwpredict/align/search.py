@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,11 +19,12 @@ PEAKS_PER_ANGLE = 3
 
 @dataclass(frozen=True)
 class Peak:
-    """A pose and the evidence for it, in nats (log-likelihood ratio against no relation)."""
+    """A pose, the correlation there, the evidence for it (nats) and the area compared (µm²)."""
 
     pose: Pose
     correlation: float
     evidence: float
+    area_um2: float
 
 
 @dataclass(frozen=True)
@@ -138,10 +140,17 @@ def search(recording: Surface, target: Surface, *, angle_step_deg: float = ANGLE
             for row, col in _tops(evidence):
                 shift = _shift_um(scene, frame[0].shape, row, col, pitch)
                 pose = Pose.rigid(shift, angle, mirrored=mirrored)
-                peaks.append(Peak(pose, float(r[row, col]), float(evidence[row, col])))
+                peaks.append(
+                    Peak(pose, float(r[row, col]), float(evidence[row, col]), float(shared[row, col]) * pitch**2)
+                )
             total = np.logaddexp(total, np.logaddexp.reduce(evidence[shared > 0], initial=-np.inf))
             count += int(np.sum(shared > 0))
-    return Search(_distinct(peaks, pitch, angle_step_deg), float(total - np.log(max(count, 1))), pitch, area * pitch**2)
+    return Search(
+        distinct(_strongest(peaks), 3 * pitch, 2.5 * angle_step_deg),
+        float(total - np.log(max(count, 1))),
+        pitch,
+        area * pitch**2,
+    )
 
 
 def search_pitch(recording: Surface, target: Surface) -> float:
@@ -169,17 +178,22 @@ def _shift_um(scene: _Scene, side: tuple[int, int], row: int, col: int, pitch: f
     return float(right * pitch), float(-down * pitch)
 
 
-def _distinct(peaks: list[Peak], pitch: float, angle_step_deg: float) -> list[Peak]:
-    """Keep the best of peaks that lie within two steps of each other."""
+def _strongest(peaks: list[Peak], share: float = 0.3, most: int = 200) -> list[Peak]:
+    """Drop peaks that no refinement will bring to the top."""
+    ordered = sorted(peaks, key=lambda p: -p.evidence)[:most]
+    return [p for p in ordered if p.evidence >= share * ordered[0].evidence]
+
+
+def distinct(peaks: list[Peak], reach_um: float, reach_deg: float) -> list[Peak]:
+    """Keep the strongest of peaks that lie within a shift and a rotation of each other, strongest first."""
     kept: list[Peak] = []
     for peak in sorted(peaks, key=lambda p: -p.evidence):
-        if not any(near(peak.pose, other.pose, 3 * pitch, 2.5 * angle_step_deg) for other in kept):
+        if not any(_near(peak.pose, other.pose, reach_um, reach_deg) for other in kept):
             kept.append(peak)
     return kept
 
 
-def near(first: Pose, second: Pose, reach_um: float, reach_deg: float) -> bool:
-    """Tell whether two poses are the same within a shift and a rotation."""
+def _near(first: Pose, second: Pose, reach_um: float, reach_deg: float) -> bool:
     turn = (first.rotation_deg - second.rotation_deg + 180) % 360 - 180
-    apart = np.hypot(*np.subtract(first.shift_um, second.shift_um))
+    apart = math.hypot(first.shift_um[0] - second.shift_um[0], first.shift_um[1] - second.shift_um[1])
     return first.mirrored == second.mirrored and abs(turn) <= reach_deg and apart <= reach_um

@@ -51,8 +51,10 @@ def run(
     write_height_map(output, found.aligned)
     if report is not None:
         write_text(report, yaml.safe_dump(found.as_dict(), sort_keys=False))
-    if found.symmetry != "none":
-        warn(f"{target}: symmetric ({found.symmetry}): the smallest rotation was taken")
+    if found.symmetry.endswith("fold"):
+        warn(f"{target}: {found.symmetry} symmetry: of the equal rotations the smallest was taken")
+    if found.symmetry == "round":
+        warn(f"{target}: round: the rotation is open and was left at 0")
     if found.aligned.height_reference == "relative":
         warn(f"{output}: no substrate in view, heights are relative")
     say(f"{output}: {_line(found)}")

@@ -1,0 +1,98 @@
+"""The steps of the alignment, each against a truth that can be derived."""
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.align.fill import fill, inside_hull
+from dlwpredict.align.level import find_plane, substrate
+from dlwpredict.align.pose import Pose
+from dlwpredict.align.resample import prepared, resample
+from dlwpredict.align.spikes import suspected_spikes
+from dlwpredict.align.uncertainty import block_covariance
+from dlwpredict.heightmap import HeightMap
+
+
+def test_pose_and_its_inverse_agree_also_with_shear_and_bow():
+    pose = Pose((3.0, -2.0), ((0.9, -0.3), (0.35, 1.1)), ((0.2, 0.1, -0.1), (0.0, 0.3, 0.2)), (20.0, 15.0))
+    x, y = np.meshgrid(np.linspace(-20, 20, 7), np.linspace(-15, 15, 5))
+    np.testing.assert_allclose(pose.to_target(*pose.to_recording(x, y)), (x, y), atol=1e-8)
+
+
+def test_pose_derivatives_match_differences():
+    pose = Pose.rigid((1.0, 2.0), 30.0, reach_um=(10.0, 10.0))
+    x, y = np.array([3.0, -7.0]), np.array([5.0, 1.0])
+    for model, count in (("shift", 2), ("rigid", 3), ("affine", 6), ("bow", 12)):
+        jacobian = pose.jacobian(x, y, model)
+        for k, step in enumerate(1e-6 * np.eye(count)):
+            moved = np.subtract(pose.moved(step).to_recording(x, y), pose.to_recording(x, y)) / 1e-6
+            np.testing.assert_allclose(jacobian[k], moved, atol=1e-4)
+
+
+def test_fill_keeps_a_tilted_plane_and_never_leaves_the_hull():
+    row, col = np.indices((40, 50), dtype=float)
+    measured = np.hypot(row - 20, col - 25) < 18
+    measured[15:25, 20:30] = False
+    filled = fill(0.3 * col - 0.2 * row, measured)
+    np.testing.assert_allclose(filled[inside_hull(measured)], (0.3 * col - 0.2 * row)[inside_hull(measured)], atol=1e-4)
+    assert np.isnan(filled[~inside_hull(measured)]).all()
+    assert np.isnan(filled[0, 0])
+
+
+def test_spikes_are_suspected_edges_are_not():
+    heights = np.random.default_rng(0).normal(0, 0.01, (60, 60))
+    heights[:, 30:] += 5
+    heights[10, 10] += 1
+    heights[40, 45] -= 1
+    found = np.argwhere(suspected_spikes(heights, np.ones(heights.shape, bool))).tolist()
+    assert found == [[10, 10], [40, 45]]
+
+
+def test_a_finer_recording_is_averaged():
+    target = HeightMap(np.zeros((10, 10)), 1.0, 1.0)
+    fine = np.tile([0.0, 0.0, 1.0, 1.0], (40, 10))
+    surface = prepared(HeightMap(fine, 0.25, 0.25), np.ones((40, 40), bool))
+    laid = resample(surface, np.ones((40, 40), bool), target, Pose.rigid((0, 0), 0.0))
+    np.testing.assert_allclose(laid.heights_um, 0.5, atol=1e-9)
+
+
+def test_points_outside_the_recording_stay_empty():
+    target = HeightMap(np.zeros((20, 20)), 1.0, 1.0)
+    surface = prepared(HeightMap(np.ones((10, 10)), 1.0, 1.0), np.ones((10, 10), bool))
+    laid = resample(surface, np.ones((10, 10), bool), target, Pose.rigid((0, 0), 0.0))
+    assert laid.missing_fraction == pytest.approx(0.75)
+
+
+def test_levelling_on_the_substrate_leaves_the_dome_of_a_print():
+    target = designs.pads(size_um=40.0, width_um=4.0, pitch_um=0.5, margin_um=6.0)
+    x, y = np.meshgrid(target.x_um, target.y_um)
+    dome = np.where(target.heights_um > 0, 0.002 * (x + 5) ** 2 + 0.1 * x, 0.0)
+    tilted = target.with_heights(target.heights_um + dome + 0.7 + 0.01 * x - 0.02 * y)
+    plane = find_plane(tilted, target, 1.5)
+    assert plane.reference == "substrate"
+    np.testing.assert_allclose(plane.coefficients, [0.7, 0.01, -0.02], atol=1e-6)
+
+
+def test_without_substrate_the_plane_is_relative_and_spares_a_slope_of_the_target():
+    x, y = np.meshgrid(np.arange(60.0), np.arange(50.0))
+    target = HeightMap(5 + 0.1 * x + np.sin(y / 5), 1.0, 1.0)
+    assert not substrate(target, 1.5).any()
+    recorded = target.with_heights(0.8 * target.heights_um + 0.02 * (y - 24.5))
+    plane = find_plane(recorded, target, 1.5)
+    assert plane.reference == "relative"
+    assert plane.gain == pytest.approx(0.8, abs=1e-6)
+    np.testing.assert_allclose(plane.coefficients[1:], [0.0, -0.02], atol=1e-8)
+
+
+def test_block_errors_hold_when_neighbours_err_together():
+    rng = np.random.default_rng(0)
+    blocks = np.repeat(np.arange(64), 25)
+    columns = np.ones((1600, 1))
+    found, claimed = [], []
+    for _ in range(200):
+        values = np.repeat(rng.standard_normal(64), 25)
+        mean = values.mean()
+        found.append(mean)
+        claimed.append(block_covariance(columns, np.ones(1600), values - mean, blocks)[0][0, 0])
+    assert np.sqrt(np.mean(claimed)) == pytest.approx(np.std(found), rel=0.15)
+    assert np.std(found) == pytest.approx(1 / 8, rel=0.15)

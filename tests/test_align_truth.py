@@ -1,0 +1,149 @@
+"""Whole alignments against known poses, and what must be refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from dlwpredict import designs
+from dlwpredict.align import align
+from dlwpredict.errors import InputError, ResultError
+from dlwpredict.heightmap import HeightMap
+from tests.bench.recorder import Truth, record
+
+SMALL = {"size_um": 30.0, "pitch_um": 0.3, "margin_um": 6.0}
+EASY = Truth(pitch_um=(0.3, 0.3), field_um=(60.0, 60.0))
+
+
+def letter() -> HeightMap:
+    return designs.f(**SMALL)
+
+
+def recorded(target: HeightMap, **truth) -> HeightMap:
+    return record(target, replace(EASY, **truth), np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, -90.0, 33.0])
+def test_pose_is_found_with_the_signs_of_the_contract(turn):
+    found = align(recorded(letter(), rotation_deg=turn, shift_um=(5.0, -3.0)), letter())
+    np.testing.assert_allclose(found.pose.shift_um, (5.0, -3.0), atol=0.05 * 0.3)
+    assert (found.pose.rotation_deg - turn + 180) % 360 - 180 == pytest.approx(0, abs=0.02)
+    assert found.symmetry == "none"
+    assert found.cc > 0.95
+
+
+def test_pixels_of_a_quarter_turn_read_in_place():
+    """No arithmetic of ours: the picture is turned by numpy and must come back as drawn."""
+    target = letter()
+    found = align(target.with_heights(np.rot90(target.heights_um)), target)
+    assert found.pose.rotation_deg == pytest.approx(90.0, abs=1e-3)
+    np.testing.assert_allclose(found.aligned.heights_um, target.heights_um, atol=0.02)
+
+
+def test_tilt_offset_gaps_and_spikes_do_not_move_it():
+    truth = {"rotation_deg": 120.0, "shift_um": (4.0, 6.0), "tilt_mrad": (10.0, -7.0), "offset_um": 2.0}
+    found = align(recorded(letter(), missing=0.3, spikes=0.003, **truth), letter())
+    np.testing.assert_allclose(found.pose.shift_um, (4.0, 6.0), atol=0.05 * 0.3)
+    np.testing.assert_allclose(found.tilt_mrad, (10.0, -7.0), atol=0.2)
+    assert found.offset_um == pytest.approx(2.0, abs=0.01)
+    assert found.aligned.height_reference == "substrate"
+    assert found.missing_fraction == pytest.approx(0.3, abs=0.01)
+    assert 0.2 < found.aligned.filled.mean() < 0.4
+    assert found.rejected_spikes > 50
+    bare = letter().heights_um == 0
+    assert abs(np.median(found.aligned.heights_um[bare])) < 0.005
+
+
+@pytest.mark.parametrize("pitch", [(0.09, 0.09), (0.9, 0.9), (0.3, 0.2)])
+def test_other_pitches(pitch):
+    found = align(recorded(letter(), pitch_um=pitch, rotation_deg=-70.0, shift_um=(-3.0, 2.0)), letter())
+    np.testing.assert_allclose(found.pose.shift_um, (-3.0, 2.0), atol=0.05 * 0.3)
+    assert found.aligned.same_grid(letter())
+
+
+def test_scale_is_noticed_and_a_rigid_pose_is_left_rigid():
+    air = designs.air(size_um=40.0, pitch_um=0.3, margin_um=0.0, base_um=0.5, correlation_um=3.0, seed=2)
+    inner = air.with_heights(air.heights_um[15:-15, 15:-15])
+    stretched = align(recorded(air, scale=(0.98, 1.003), field_um=(42.0, 42.0)), inner)
+    np.testing.assert_allclose(stretched.pose.scale, (0.98, 1.003), atol=5e-4)
+    assert stretched.distortion == "affine"
+    assert stretched.aligned.height_reference == "relative"
+    plain = align(recorded(air, field_um=(42.0, 42.0)), inner)
+    assert plain.distortion == "rigid"
+    assert plain.pose.scale == pytest.approx((1.0, 1.0))
+
+
+def test_mirror_image_is_refused_or_turned_back():
+    mirrored = recorded(letter(), mirrored=True, rotation_deg=20.0)
+    with pytest.raises(ResultError, match="mirrored"):
+        align(mirrored, letter())
+    found = align(mirrored, letter(), allow_mirror=True)
+    assert found.pose.mirrored
+    assert found.pose.rotation_deg == pytest.approx(20.0, abs=0.02)
+    assert found.cc > 0.95
+
+
+def test_symmetric_target_takes_the_smallest_rotation_and_says_so():
+    lenses = designs.lens_array(**SMALL)
+    found = align(recorded(lenses, rotation_deg=100.0), lenses)
+    assert found.pose.rotation_deg == pytest.approx(10.0, abs=0.05)
+    assert found.symmetry == "4-fold"
+
+
+def test_round_part_keeps_rotation_zero_with_an_open_uncertainty():
+    x, y = np.meshgrid(np.arange(-60, 61), np.arange(-60, 61))
+    ring = HeightMap(2.0 + np.cos(np.hypot(x, y) ** 2 / 250), 0.3, 0.3)
+    disc = ring.with_heights(np.where(np.hypot(x, y) < 50, ring.heights_um, 0.0))
+    found = align(recorded(disc, rotation_deg=50.0, shift_um=(2.0, 1.0), field_um=(50.0, 50.0)), disc)
+    np.testing.assert_allclose(found.pose.shift_um, (2.0, 1.0), atol=0.05 * 0.3)
+    assert found.pose.rotation_deg == 0
+    assert found.uncertainty["rotation_deg"] > 90
+    assert found.symmetry == "round"
+
+
+@pytest.mark.parametrize(
+    ("recording", "target"),
+    [
+        (designs.air(seed=1, **SMALL), designs.air(seed=2, **SMALL)),  # one outline, another relief
+        (designs.stairs(feature_um=3.0, **SMALL), designs.f(**SMALL)),
+        (HeightMap(np.random.default_rng(0).normal(0, 0.01, (150, 150)), 0.3, 0.3), designs.f(**SMALL)),
+        (HeightMap(np.add.outer(np.arange(150.0), np.arange(150.0)), 0.3, 0.3), designs.f(**SMALL)),
+    ],
+    ids=["other roughness", "other part", "noise", "tilted flat"],
+)
+def test_unrelated_and_featureless_maps_are_refused(recording, target):
+    with pytest.raises(ResultError, match=r"match|featureless"):
+        align(recording, target)
+
+
+def test_recording_smaller_than_the_part_is_refused():
+    part = recorded(letter(), field_um=(20.0, 20.0))
+    with pytest.raises(ResultError, match="smaller than the part"):
+        align(part, letter())
+
+
+def test_keep_missing_leaves_gaps_and_filling_stays_in_the_hull():
+    recording = recorded(letter(), missing=0.1)
+    kept = align(recording, letter(), keep_missing=True)
+    assert kept.aligned.filled is None
+    assert 0.03 < kept.aligned.missing_fraction < 0.15
+    filled = align(recording, letter())
+    assert filled.aligned.missing_fraction == 0
+    np.testing.assert_array_equal(filled.aligned.filled, np.isnan(kept.aligned.heights_um))
+
+
+def test_report_reads_back_with_floats_and_an_uncertainty_for_each_figure():
+    figures = align(recorded(letter()), letter()).as_dict()
+    assert yaml.safe_load(yaml.safe_dump(figures, sort_keys=False)) == figures
+    for name in ("shift_um", "rotation_deg", "scale", "tilt_mrad", "offset_um", "cc"):
+        assert np.shape(figures[name]) == np.shape(figures["uncertainty"][name])
+    assert list(figures)[:10] == [
+        "shift_um", "rotation_deg", "scale", "tilt_mrad", "offset_um", "cc", "mirrored", "missing_fraction",
+        "filled_points", "height_reference",
+    ]  # fmt: skip
+
+
+def test_unknown_distortion_is_refused():
+    with pytest.raises(InputError, match="rigid"):
+        align(letter(), letter(), distortion="swirl")
