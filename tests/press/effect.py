@@ -30,10 +30,21 @@ class Scene:
         """The written share of each voxel of resin: `fill` above the substrate, nothing in the glass."""
         return np.where(self.grid.z[:, None, None] > 0, self.fill, np.float32(0))
 
+    @property
+    def reached(self):
+        """Which voxels are written at their centre, layer by layer, the ghost layers in the glass included."""
+        return self.fill >= 0.5
+
 
 @dataclass(frozen=True)
 class PrintEffect:
-    """An effect of the print; every hook defaults to none."""
+    """An effect of the print; every hook defaults to none.
+
+    `at_focus` says that the dose is that of the focus positions, under the convolution (for what changes from line to
+    line or layer to layer); else it multiplies the exposure of the point (right for what varies slowly).
+    """
+
+    at_focus = False
 
     def target(self, heights, support, grid):
         """Change the heights to be written and where anything is written (0 to 1)."""
@@ -124,7 +135,10 @@ def make(entry):
     name = entry.pop("name", None)
     if name not in registry():
         raise ValueError(f"effects: {name}: no such effect, there are {', '.join(names())}")
-    return build(registry()[name], entry, name)
+    made = build(registry()[name], entry, name)
+    if getattr(made, "model", None) not in (None, *getattr(made, "models", ())):
+        raise ValueError(f"{name}.model: {made.model}, allowed are {', '.join(made.models)}")
+    return made
 
 
 def build(cls, values, where):

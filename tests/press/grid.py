@@ -34,9 +34,9 @@ def centred(count, pitch):
     return (np.arange(count) - (count - 1) / 2) * pitch
 
 
-def plane_grid(shape, dx, dy):
-    """Return the grid of a map with rows counted upwards, no layers yet."""
-    return Grid(centred(shape[1], dx), centred(shape[0], dy), np.zeros(0), dx, dy, 1.0)
+def plane_grid(shape, dx, dy, centre=(0.0, 0.0)):
+    """Return the grid of a map with rows counted upwards and its centre at a place in um, no layers yet."""
+    return Grid(centred(shape[1], dx) + centre[0], centred(shape[0], dy) + centre[1], np.zeros(0), dx, dy, 1.0)
 
 
 def with_layers(grid, top_um, dz):

@@ -39,3 +39,10 @@ def left_behind(written, length_um, pitch, direction):
     for column in range(1, turned.shape[-1]):
         out[..., column] = keep * out[..., column - 1] + (1 - keep) * turned[..., column - 1]
     return out if direction > 0 else out[..., ::-1]
+
+
+def carried_up(values, written):
+    """Give each voxel that its own layer does not reach the value of the layer below (for partly filled top voxels)."""
+    out = values.copy()
+    out[1:] = np.where(written[1:], values[1:], values[:-1])
+    return out

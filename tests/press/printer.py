@@ -2,8 +2,9 @@
 
 In symbols:
 
-E = focus * solid                      (the solid continues below z = 0 where something is written)
-u = D^N E / (P P')                     D: relative intensity, N: photon order, P': local factor on the threshold
+E = focus * [solid D_f^N]              (the solid continues below z = 0 where something is written)
+u = D^N E / (P P')                     D, D_f: relative intensity at the point, at the focus; N: photon order;
+                                       P': local factor on the threshold
 exposed: u >= 1, found between the voxels; or the gel fraction u^c / (1 + u^c) with a finite contrast c
 C = cross-linking Gaussian * [exposed (1 + eta (D^N - 1)) cure(u)],  z >= 0 only
 kappa = kappa_min + (kappa_max - kappa_min) C / max C,  averaged over the exposed part of the column
@@ -45,7 +46,18 @@ class Press:
     conversion: float = 0.0  # eta, unless a dose effect brings its own
     dz_um: float = 0.0  # 0 = chosen from the focus
     margin_um: float = 0.0  # substrate added around the target in the printed map
+    part_at_um: tuple = (0.0, 0.0)  # where the target's centre lies in the printer's field
+    quarter_turns: int = 0  # how often the part is turned counter-clockwise in the printer; it is returned turned back
     effects: tuple = ()
+
+    def __post_init__(self):
+        choices = {"focus_profile": tuple(focus.PROFILES), "crosslink_reference": ("structure_maximum", "bulk")}
+        for key, allowed in choices.items():
+            if getattr(self, key) not in allowed:
+                raise ValueError(f"press.{key}: {getattr(self, key)}, allowed are {', '.join(allowed)}")
+        for key in ("focus_fwhm_xy_um", "focus_fwhm_z_um", "threshold", "crosslink_fwhm_xy_um", "crosslink_fwhm_z_um"):
+            if not getattr(self, key) > 0:
+                raise ValueError(f"press.{key}: {getattr(self, key)}, must be positive")
 
 
 def print_part(heights, dx_um, dy_um, press=None):
@@ -65,12 +77,13 @@ def print_part(heights, dx_um, dy_um, press=None):
     heights = np.asarray(heights, float)
     if not np.isfinite(heights).all() or heights.min() < 0:
         raise ValueError("target: heights must be finite and not below the substrate")
-    keep, pad = _frame(press, dx_um, dy_um)
-    target = np.pad(heights[::-1], [(pad[0],) * 2, (pad[1],) * 2])
-    grid = plane_grid(target.shape, dx_um, dy_um)
+    dx, dy = (dx_um, dy_um) if press.quarter_turns % 2 == 0 else (dy_um, dx_um)
+    keep, pad = _frame(press, dx, dy)
+    target = np.pad(np.rot90(heights, press.quarter_turns)[::-1], [(pad[0],) * 2, (pad[1],) * 2])
+    grid = plane_grid(target.shape, dx, dy, press.part_at_um)
     printed = _print(target, grid, press, effects) if target.any() else target
     cut = tuple(slice(p - k, n - p + k) for p, k, n in zip(pad, keep, target.shape, strict=True))
-    return printed[cut][::-1].copy()
+    return np.rot90(printed[cut][::-1], -press.quarter_turns).copy()
 
 
 def _frame(press, dx, dy):
@@ -84,10 +97,11 @@ def _frame(press, dx, dy):
 def _print(target, grid, press, effects):
     """Run the stages on a padded target with rows upwards."""
     scene = _scene(target, grid, press, effects)
-    dose = _product(scene, effects, "dose") ** press.photon_order
-    excess = _exposure(scene, press, effects) * dose / (press.threshold * _product(scene, effects, "threshold"))
+    here = _product(scene, [item for item in effects if not item.at_focus], "dose") ** press.photon_order
+    sent = _product(scene, [item for item in effects if item.at_focus], "dose") ** press.photon_order
+    excess = _exposure(scene, sent, press, effects) * here / (press.threshold * _product(scene, effects, "threshold"))
     exposed, solid = _develop(excess, scene.grid, press)
-    converted = solid * _conversion(excess, dose, press, effects)
+    converted = solid * _conversion(excess, here * sent, press, effects)
     factor = _shrinkage(_crosslink(converted, scene.grid, press), solid, press, effects)
     for item in effects:
         factor = item.column(factor, exposed, scene.grid)
@@ -130,12 +144,12 @@ def _product(scene, effects, hook):
     return factor
 
 
-def _exposure(scene, press, effects):
-    """Return the share of the full dose in every voxel, for nominal intensity."""
+def _exposure(scene, sent, press, effects):
+    """Return the share of the full dose in every voxel, the written voxels sending `sent` times the nominal dose."""
     lobes = focus.PROFILES[press.focus_profile](press.focus_fwhm_xy_um, press.focus_fwhm_z_um)
     for item in effects:
         lobes = item.lobes(lobes)
-    fill = with_true_moment(scene.fill)
+    fill = with_true_moment(scene.fill) * sent
     below = fill[0]
     total = np.zeros_like(fill)
     for lobe in lobes:

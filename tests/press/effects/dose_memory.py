@@ -1,6 +1,8 @@
 """Dose memory: each line meets resin that the lines before have prepared.
 
-literal: D = 1 + gain (k_L * written), k_L a one-sided exponential along the hatch direction without lag 0.
+literal: D = 1 + gain (k_L * written), k_L a one-sided exponential along the hatch direction without lag 0, in each
+         layer; D is the intensity of the line that is being written (under the convolution).
+point:   the same D, but multiplying the exposure of each point; just above a top, where nothing is written, D = 1.
 time:    the lines are written one after the other; between two of them passes the time that the line itself takes
          (length / speed + turnaround), the memory decays by exp(-dt/tau) and diffuses along the line by
          sqrt(2 D_m dt). tau is such that full lines (`full_line_um`) at the hatch pitch give the length L, so short
@@ -12,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.press.effect import PrintEffect, effect
-from tests.press.lines import left_behind
+from tests.press.lines import carried_up, left_behind
 
 
 @effect("dose-memory")
@@ -20,28 +22,38 @@ from tests.press.lines import left_behind
 class DoseMemory(PrintEffect):
     """Gain without unit, length in um; direction +1 hatches towards +x."""
 
+    models = ("literal", "point", "time")
     gain: float = 0.0
     length_um: float = 8.0
     direction: int = 1
     conversion: float | None = None
-    model: str = "literal"  # or time
+    model: str = "literal"
     hatch_um: float = 0.1
     speed_um_per_s: float = 2e4
     turnaround_ms: float = 1.0
     full_line_um: float = 100.0
     diffusivity_um2_per_s: float = 10.0
 
+    @property
+    def at_focus(self):
+        """Whether D belongs to the line being written."""
+        return self.model != "point"
+
     def dose(self, scene):
         if self.gain == 0:
             return None
+        if self.model == "point":
+            return 1 + self.gain * left_behind(scene.fill, self.length_um, scene.grid.dx, self.direction)
+        written = scene.reached.astype(np.float32)
         if self.model == "time":
-            return 1 + self.gain * self._in_time(scene)
-        return 1 + self.gain * left_behind(scene.written, self.length_um, scene.grid.dx, self.direction)
+            memory = self._in_time(written, scene.grid)
+        else:
+            memory = left_behind(written, self.length_um, scene.grid.dx, self.direction)
+        return carried_up(1 + self.gain * memory, scene.reached)
 
-    def _in_time(self, scene):
+    def _in_time(self, written, grid):
         """Walk over the lines, all layers at once, along-line diffusion in the Fourier domain."""
-        grid = scene.grid
-        written = scene.written if self.direction > 0 else scene.written[..., ::-1]
+        written = written if self.direction > 0 else written[..., ::-1]
         lines = grid.dx / self.hatch_um  # written lines per column of pixels
         pause = self.turnaround_ms * 1e-3
         tau = self.length_um / self.hatch_um * (self.full_line_um / self.speed_um_per_s + pause)

@@ -25,9 +25,10 @@ LENGTH_PER_FWHM = 0.6
 class EdgeInhibition(PrintEffect):
     """Gain without unit, FWHM in um."""
 
+    models = ("literal", "diffusion")
     gain: float = 0.0
     fwhm_um: float = 3.0
-    model: str = "literal"  # or diffusion
+    model: str = "literal"
 
     def threshold(self, scene):
         if self.gain == 0:

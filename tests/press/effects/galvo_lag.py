@@ -17,9 +17,10 @@ from tests.press.lines import trailed
 class GalvoLag(PrintEffect):
     """Lag in um (speed times delay); direction +1 writes towards +y."""
 
+    models = ("literal", "time")
     lag_um: float = 0.0
     direction: int = 1
-    model: str = "literal"  # or time
+    model: str = "literal"
 
     def target(self, heights, support, grid):
         if self.lag_um <= 0 or self.model == "time":

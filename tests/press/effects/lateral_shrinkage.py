@@ -21,9 +21,10 @@ from tests.press.sampling import Surface, covered
 class LateralShrinkage(PrintEffect):
     """Strain without unit, pin height in um."""
 
+    models = ("literal", "shear-lag")
     strain: float = 0.0
     pin_height_um: float = 5.0
-    model: str = "literal"  # or shear-lag
+    model: str = "literal"
     lag_ratio: float = 1.5
 
     def geometry(self, heights, grid):

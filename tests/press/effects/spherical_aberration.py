@@ -17,11 +17,17 @@ from tests.press.effect import PrintEffect, effect
 class SphericalAberration(PrintEffect):
     """Broadening and loss per um, focus shift without unit."""
 
+    models = ("literal", "at-focus")
     broadening_per_um: float = 0.0
     loss_per_um: float = 0.0
     focus_shift: float = 0.0
     conversion: float | None = None
-    model: str = "literal"  # or at-focus
+    model: str = "literal"
+
+    @property
+    def at_focus(self):
+        """Whether the loss is that of the focus position."""
+        return self.model == "at-focus"
 
     def target(self, heights, support, grid):
         return heights * (1 + self.focus_shift), support

@@ -17,6 +17,7 @@ from tests.press.sampling import Surface
 class Stitching(PrintEffect):
     """Step, shifts, width and seam positions in um, overlap without unit."""
 
+    at_focus = True
     step_um: float = 0.0
     shift_x_um: float = 0.0
     shift_y_um: float = 0.0

@@ -1,8 +1,8 @@
 """Vignetting: the focus is weaker away from the field centre.
 
 literal: D = 1 - strength rho^2, rho the distance to the centre / 50 um.
-pupil:   two apertures, the beam (Gaussian, waist `fill` of the pupil radius) walks off the second by an amount
-         proportional to rho; D = (overlap of the amplitude)^2, with D = 1 - strength at rho = 1.
+pupil:   a Gaussian beam (1/e amplitude radius `fill` times the pupil's) walks over the pupil in proportion to rho;
+         D = (amplitude that passes)^2 relative to the centre, with D = 1 - strength at rho = 1.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,12 @@ WEAKEST = 0.05
 class Vignetting(PrintEffect):
     """Strength without unit at 50 um; centre in um."""
 
+    models = ("literal", "pupil")
     strength: float = 0.0
     centre_x_um: float = 0.0
     centre_y_um: float = 0.0
     conversion: float | None = None
-    model: str = "literal"  # or pupil
+    model: str = "literal"
     fill: float = 0.8
 
     def dose(self, scene):
@@ -34,18 +35,16 @@ class Vignetting(PrintEffect):
         return np.maximum(1 - self.strength * radius**2, WEAKEST)[None]
 
 
-def overlap(walk, fill, count=161):
-    """Return the share of focal intensity when the beam walks `walk` pupil radii off a second aperture."""
+def passed(walk, fill, count=161):
+    """Return the focal intensity, relative to the centre, of a beam that has walked `walk` pupil radii."""
     u = np.linspace(-1, 1, count)
-    amplitude = np.exp(-(u[None, :] ** 2 + u[:, None] ** 2) / fill**2) * (np.hypot(u[None, :], u[:, None]) <= 1)
-    rim = np.hypot(u[None, :] - walk, u[:, None])
-    passed = np.clip((1 - rim) * count / 2 + 0.5, 0, 1)
-    centred = np.clip((1 - np.hypot(u[None, :], u[:, None])) * count / 2 + 0.5, 0, 1)
-    return float(((amplitude * passed).sum() / (amplitude * centred).sum()) ** 2)
+    pupil = np.clip((1 - np.hypot(u[None, :], u[:, None])) * count / 2 + 0.5, 0, 1)
+    amplitude = [np.exp(-((u[None, :] - off) ** 2 + u[:, None] ** 2) / fill**2) for off in (walk, 0.0)]
+    return float(((amplitude[0] * pupil).sum() / (amplitude[1] * pupil).sum()) ** 2)
 
 
 def through_pupil(radius, strength, fill):
     """Return D at a radius in units of 50 um."""
-    walk = brentq(lambda value: overlap(value, fill) - (1 - min(strength, 0.9)), 0, 1.9)
+    walk = brentq(lambda value: passed(value, fill) - (1 - min(strength, 0.9)), 0, 3)
     nodes = np.linspace(0, max(radius.max(), 1e-6), 60)
-    return np.maximum(np.interp(radius, nodes, [overlap(walk * node, fill) for node in nodes]), WEAKEST)
+    return np.maximum(np.interp(radius, nodes, [passed(walk * node, fill) for node in nodes]), WEAKEST)

@@ -12,6 +12,7 @@ from tests.press.effect import PrintEffect, effect
 class ModeHop(PrintEffect):
     """Range of z in um, step without unit."""
 
+    at_focus = True
     from_z_um: float = 5.0
     to_z_um: float = 1e3
     step: float = 0.0
