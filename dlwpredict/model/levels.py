@@ -31,6 +31,9 @@ LAYER_SIGMAS = 0.3
 ABOVE_SIGMAS = 2.5
 """Levels end this many axial standard deviations above the part where the local dose can lift its surface."""
 
+LARGEST_FRACTION = 0.95
+"""Largest threshold as a fraction of the local dose at which ndtri still sees a straight line."""
+
 TILE_PX = 192
 _TINY = 1e-12
 
@@ -154,7 +157,8 @@ def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: f
     The threshold is one number, or a stack over the levels j · step, j ≥ 0.
     """
     first, last = _levels_around(exposure, np.min(threshold), step)
-    dose = exposure.last_dose()
+    # where the last layers are too weak by themselves, the surface lies deeper, at more than their own dose
+    dose = np.maximum(exposure.last_dose(), np.max(threshold) / LARGEST_FRACTION)
     surface = np.zeros(exposure.heights_um.shape)
     exposures: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
