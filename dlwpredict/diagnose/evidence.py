@@ -14,7 +14,8 @@ from scipy import ndimage, sparse
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.whitening import Neighbourhood, NoiseModel
+from dlwpredict.noise import Noise
+from dlwpredict.whitening import Neighbourhood
 
 SCALE_PRIOR = 2e-3
 """Standard deviation of a lateral scale that the certificate of a pixel pitch leaves open; the same for shear."""
@@ -67,7 +68,7 @@ class Whitened:
     ----------
     recording : Recording
         Its `used` points are those of the whitener.
-    noise : NoiseModel
+    noise : Noise
     matrix : scipy.sparse.csr_array, shape (points, points)
         Turns values at the used points into independent ones of variance 1.
     discretisation_um : numpy.ndarray, shape (rows, cols)
@@ -77,13 +78,13 @@ class Whitened:
     """
 
     recording: Recording
-    noise: NoiseModel
+    noise: Noise
     matrix: sparse.csr_array = field(repr=False)
     discretisation_um: np.ndarray = field(repr=False)
     shift_um: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def of(cls, recording: Recording, noise: NoiseModel, discretisation_um: np.ndarray) -> Whitened:
+    def of(cls, recording: Recording, noise: Noise, discretisation_um: np.ndarray) -> Whitened:
         """Build the whitener of a recording."""
         grid = recording.target
         neighbours = Neighbourhood(recording.used, grid.dx_um, grid.dy_um)
@@ -125,24 +126,36 @@ def stack(parts: Sequence[np.ndarray], priors: int = 0) -> np.ndarray:
     return np.concatenate([rows, np.zeros((priors, *rows.shape[1:]))]) if priors else rows
 
 
-def nuisance_block(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the nuisance columns of all recordings: each its own, and the priors as rows below.
+def nuisance_fit(columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Fit every recording's own nuisances, priors included.
 
     Parameters
     ----------
-    parts : sequence of numpy.ndarray, shape (points, nuisances)
+    columns : sequence of numpy.ndarray, shape (points, nuisances)
         Whitened nuisance columns of each recording.
+    residuals : sequence of numpy.ndarray, shape (points,)
 
     Returns
     -------
-    numpy.ndarray, shape (all points + priors, recordings · nuisances)
+    coefficients : numpy.ndarray, shape (recordings, nuisances)
+    basis : numpy.ndarray, shape (all points + priors, columns)
+        Orthonormal; rows of the priors stand below those of the data, as in `stack`.
     """
     widths = np.array(list(NUISANCES.values()))
     bounded = np.flatnonzero(np.isfinite(widths))
     prior = np.zeros((len(bounded), len(widths)))
     prior[range(len(bounded)), bounded] = 1 / widths[bounded]
-    data = sparse.block_diag([np.asarray(part) for part in parts]).toarray()
-    return np.concatenate([data, sparse.block_diag([prior] * len(parts)).toarray()])
+    found, bases = [], []
+    for own, residual in zip(columns, residuals, strict=True):
+        block = np.concatenate([own, prior])
+        scale = np.maximum(np.linalg.norm(block, axis=0), 1e-12)
+        left, sizes, right = np.linalg.svd(block / scale, full_matrices=False)
+        real = sizes > 1e-8 * sizes[0]
+        found.append((right[real].T @ (left[: len(residual), real].T @ residual / sizes[real])) / scale)
+        bases.append(left[:, real])
+    data = sparse.block_diag([b[: len(r)] for b, r in zip(bases, residuals, strict=True)]).toarray()
+    below = sparse.block_diag([b[len(r) :] for b, r in zip(bases, residuals, strict=True)]).toarray()
+    return np.array(found), np.concatenate([data, below])
 
 
 def prior_rows(recordings: int) -> int:

@@ -9,12 +9,13 @@ length comes out short, and just that makes false alarms.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, sparse, special
 
-from dlwpredict.whitening import Neighbourhood, NoiseModel
+from dlwpredict.noise import Noise
+from dlwpredict.whitening import Neighbourhood
 
 DISCREPANCY_UM = 0.0015
 """Numerical difference between two honest computations of the same physics; no noise is taken to be smaller."""
@@ -29,21 +30,22 @@ class NoiseEstimate:
 
     Parameters
     ----------
-    model : NoiseModel
+    model : Noise
     place, covariance : numpy.ndarray, shapes (3,), (3, 3)
         Logit of the correlated share of the variance, log length, log scale; and their covariance.
     source : str
         What it was estimated from: "repeats" or "residual".
     """
 
-    model: NoiseModel
+    model: Noise
     place: np.ndarray
     covariance: np.ndarray
     source: str
 
-    def draw(self, rng: np.random.Generator) -> NoiseModel:
+    def draw(self, rng: np.random.Generator) -> Noise:
         """Return a noise model that the data would allow as well."""
-        return _floored(_model(self.place + np.clip(rng.multivariate_normal(np.zeros(3), self.covariance), -1, 1)))
+        step = np.clip(rng.multivariate_normal(np.zeros(3), self.covariance), -1, 1)
+        return _floored(_model(self.place + step, (self.model.dx_um, self.model.dy_um)))
 
 
 def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, float], smooth: np.ndarray,
@@ -85,9 +87,11 @@ def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, flo
     place = np.array([*found, np.log(scale)])
 
     def deviance(place: np.ndarray) -> float:
-        return likelihood.deviance(_model(place)) + _weak_prior(place, pitch)
+        return likelihood.deviance(_model(place, pitch_um)) + _weak_prior(place, pitch)
 
-    return NoiseEstimate(_floored(_model(place)), place, _spread_of(deviance, place) * count / len(chosen), source)
+    return NoiseEstimate(
+        _floored(_model(place, pitch_um, source)), place, _spread_of(deviance, place) * count / len(chosen), source
+    )
 
 
 def _weak_prior(place: np.ndarray, pitch_um: float) -> float:
@@ -114,17 +118,22 @@ class _Likelihood:
     values_um: np.ndarray
     design: np.ndarray
 
+    @property
+    def pitch_um(self) -> tuple[float, float]:
+        """Pitch (dx, dy)."""
+        return self.neighbours.dx_um, self.neighbours.dy_um
+
     def profiled(self, share: float, log_length: float) -> tuple[float, float]:
         """Return the deviance at its best overall scale, and that scale, µm."""
-        logs, squares, freedom = self._terms(_model(np.array([share, log_length, 0.0])))
+        logs, squares, freedom = self._terms(_model(np.array([share, log_length, 0.0]), self.pitch_um))
         return logs + freedom * np.log(squares / freedom), float(np.sqrt(squares / freedom))
 
-    def deviance(self, model: NoiseModel) -> float:
+    def deviance(self, model: Noise) -> float:
         """Return −2 ln L up to a constant."""
         logs, squares, _ = self._terms(model)
         return logs + squares
 
-    def _terms(self, model: NoiseModel) -> tuple[float, float, int]:
+    def _terms(self, model: Noise) -> tuple[float, float, int]:
         """Return the log determinants, the whitened sum of squares beside the design, and the degrees of freedom.
 
         All are scaled from the chosen points up to all points: the design is one and is not scaled.
@@ -165,12 +174,13 @@ def _spread_of(deviance: Callable[[np.ndarray], float], place: np.ndarray) -> np
     return vectors @ np.diag(1 / np.maximum(values, 4.0)) @ vectors.T
 
 
-def _model(place: np.ndarray) -> NoiseModel:
+def _model(place: np.ndarray, pitch_um: tuple[float, float], source: str = "residual") -> Noise:
     """Return the model of (logit of the correlated share of the variance, log length, log scale)."""
     share, scale = special.expit(place[0]), np.exp(place[2])
-    return NoiseModel(float(scale * np.sqrt(1 - share)), float(scale * np.sqrt(share)), float(np.exp(place[1])))
+    white, correlated = float(scale * np.sqrt(1 - share)), float(scale * np.sqrt(share))
+    return Noise(white, correlated, float(np.exp(place[1])), *pitch_um, source)
 
 
-def _floored(model: NoiseModel) -> NoiseModel:
+def _floored(noise: Noise) -> Noise:
     """Return the model with the numerical discrepancy added."""
-    return NoiseModel(float(np.hypot(model.nugget_um, DISCREPANCY_UM)), model.sigma_um, model.length_um)
+    return replace(noise, white_um=float(np.hypot(noise.white_um, DISCREPANCY_UM)))

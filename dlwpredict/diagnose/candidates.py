@@ -1,0 +1,154 @@
+"""Candidates: every named effect, at a few of its shapes, and what it would do to these recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from dlwpredict.calibrate.recordings import Recording
+from dlwpredict.calibrate.trace import Trace, trace
+from dlwpredict.effects import library
+from dlwpredict.effects.base import Effect
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import Levels
+from dlwpredict.parameters import Declaration, ParameterSet, declarations
+from dlwpredict.process import predict
+
+NUISANCE_EFFECTS = ("misregistration",)
+"""Effects that stand among the nuisances of every recording and are no candidates."""
+
+SHAPES = (0.5, 1.0, 2.0)
+"""Lengths are tried at these multiples of their default, inside the declared range."""
+
+SMALL = 0.15
+"""Signatures are derivatives, taken by a step of this share of the typical size."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect with one switch and one shape: a direction in which the prediction could change.
+
+    Parameters
+    ----------
+    effect : Effect
+        At its off values, with the shape set.
+    switch : str
+        The parameter that grows from its off value.
+    """
+
+    effect: Effect
+    switch: str
+
+    @property
+    def name(self) -> str:
+        """Standard name of the effect."""
+        return self.effect.name
+
+    @property
+    def declaration(self) -> Declaration:
+        """What is declared of the switch."""
+        return declarations(self.effect)[self.switch][1]
+
+    @property
+    def off(self) -> float:
+        """Value of the switch at which nothing happens."""
+        return declarations(self.effect)[self.switch][0]
+
+    @property
+    def unit(self) -> float:
+        """Change of the switch from off to its typical size."""
+        return self.declaration.typical - self.off
+
+    @property
+    def one_sided(self) -> int:
+        """+1 where physics allows only values above off, −1 below, 0 both."""
+        return int(self.declaration.low >= self.off) - int(self.declaration.high <= self.off)
+
+    def at(self, share: float) -> Effect:
+        """Return the effect switched on to a share of its typical size, inside its range."""
+        value = np.clip(self.off + share * self.unit, self.declaration.low, self.declaration.high)
+        return replace(self.effect, **{self.switch: float(value)})
+
+
+def candidates(parameters: ParameterSet) -> list[Candidate]:
+    """Return every candidate that the parameter set does not contain already."""
+    present = {effect.name for effect in parameters.effects}
+    found = []
+    for name, kind in library().items():
+        if name not in present and name not in NUISANCE_EFFECTS:
+            found += [Candidate(kind(**shape), switch) for switch in kind.switches() for shape in _shapes(kind, switch)]
+    return found
+
+
+def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
+    """Return the settings of an effect's shape that are worth a column: lengths, angles, the channels of a dose."""
+    axes: dict[str, list[float]] = {}
+    for name, (default, declared) in declarations(kind).items():
+        values = _values(name, default, declared)
+        if name not in kind.switches() and declared.fitted and values and matters(kind, switch, name):
+            axes[name] = values
+    return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
+
+
+def _values(name: str, default: float, declared: Declaration) -> list[float]:
+    """Return the values of a shape parameter worth trying; none for places, which a refit finds."""
+    if name == "conversion":
+        return [0.0, 1.0]
+    if declared.unit == "°":
+        return [0.0, 45.0]
+    if declared.unit == "rad":
+        return [0.0, np.pi / 2]
+    if declared.unit == "µm" and declared.low > 0:
+        return [float(np.clip(default * s, declared.low, declared.high)) for s in SHAPES]
+    return []
+
+
+@cache
+def matters(kind: type[Effect], switch: str, name: str) -> bool:
+    """Tell whether a shape parameter changes anything while this switch is on, by trying it on a small part."""
+    heights = np.zeros((20, 20))
+    heights[4:16, 4:16] = np.linspace(2, 6, 12)
+    default, declared = declarations(kind)[name]
+    other = declared.low if default == declared.high else min(declared.high, 2 * default or 1.0)
+    switched = {switch: declarations(kind)[switch][1].typical}
+    maps = [
+        predict(HeightMap(heights, 1.0, 1.0), ParameterSet(effects=(kind(**settings),)), as_measured=True).heights_um
+        for settings in (switched, switched | {name: other})
+    ]
+    return bool(np.abs(np.nan_to_num(maps[1] - maps[0])).max() > 1e-7)
+
+
+def signatures(
+    chosen: Sequence[Candidate],
+    recordings: Sequence[Recording],
+    parameters: ParameterSet,
+    known: Sequence[Trace],
+    numerics: Levels,
+    threads: int = 2,
+) -> list[list[np.ndarray]]:
+    """Return the change of every recording's prediction per typical size of every candidate.
+
+    Returns
+    -------
+    list (candidate) of list (recording) of numpy.ndarray, shape (rows, cols), µm
+        The derivative at off, by one forward difference.
+    """
+
+    def change(job: tuple[Candidate, int]) -> np.ndarray:
+        candidate, index = job
+        effect = candidate.at(SMALL)
+        step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
+        with_effect = replace(parameters, effects=(*parameters.effects, effect))
+        moved = trace(recordings[index].target, with_effect, numerics, known[index])
+        return np.nan_to_num(moved.heights_um - known[index].heights_um) / step
+
+    jobs = [(candidate, index) for candidate in chosen for index in range(len(recordings))]
+    with ThreadPoolExecutor(threads) as pool:
+        maps = list(pool.map(change, jobs))
+    per = len(recordings)
+    return [maps[k * per : (k + 1) * per] for k in range(len(chosen))]

@@ -1,0 +1,215 @@
+"""Maximum likelihood of parameters and nuisances together, in whitened space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from dlwpredict.calibrate.problem import Point, Problem
+from dlwpredict.calibrate.recordings import Recording
+from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack
+from dlwpredict.flat import Free
+from dlwpredict.parameters import ParameterSet
+
+GAIN = 0.05
+"""A descent ends when the next step promises less than this in χ²."""
+
+SHIFT = list(NUISANCES).index("shift_x")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A process fitted to whitened recordings.
+
+    Parameters
+    ----------
+    data : tuple of Whitened
+        With the registration found.
+    free : Free
+        What moved.
+    point : Point
+        Where it came to rest: values, and every prediction.
+    jacobian : numpy.ndarray, shape (rows, parameters)
+        Whitened derivatives of the predictions, rows of all recordings and of the priors.
+    residual : numpy.ndarray, shape (rows,)
+        Whitened residual beside the nuisances.
+    nuisances : numpy.ndarray, shape (rows, nuisances)
+        Orthonormal basis of the whitened nuisances.
+    coefficients : numpy.ndarray, shape (recordings, nuisances)
+        What the nuisances came out as.
+    """
+
+    data: tuple[Whitened, ...]
+    free: Free
+    point: Point
+    jacobian: np.ndarray
+    residual: np.ndarray
+    nuisances: np.ndarray
+    coefficients: np.ndarray
+
+    @property
+    def chi2(self) -> float:
+        """Return −2 ln L up to a constant."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The process as fitted."""
+        return self.free.parameters(self.point.vector)
+
+    @property
+    def basis(self) -> np.ndarray:
+        """Orthonormal basis of everything the fit may move: nuisances and parameters, shape (rows, columns)."""
+        beside = self.jacobian - self.nuisances @ (self.nuisances.T @ self.jacobian)
+        scale = np.linalg.norm(beside, axis=0)
+        left, sizes, _ = np.linalg.svd(beside / np.where(scale > 0, scale, 1), full_matrices=False)
+        return np.column_stack([self.nuisances, left[:, sizes > 1e-6]])
+
+    def predicted_um(self, k: int) -> np.ndarray:
+        """Return the prediction of recording k with its nuisances, as the instrument would show it."""
+        item, predicted = self.data[k], self.point.traces[k].heights_um
+        return item.moved(predicted) + np.tensordot(self.coefficients[k], item.nuisance_maps(predicted), axes=1)
+
+    def residual_um(self, k: int) -> np.ndarray:
+        """Return recording − prediction with nuisances, NaN where a point does not count, shape (rows, cols)."""
+        recording = self.data[k].recording
+        return np.where(recording.used, recording.measured.heights_um - self.predicted_um(k), np.nan)
+
+    def rmse_um(self) -> float:
+        """Root mean square of the residual over all points that count, µm."""
+        values = np.concatenate([self.residual_um(k)[item.recording.used] for k, item in enumerate(self.data)])
+        return float(np.sqrt(np.mean(values**2)))
+
+    def covariance(self) -> np.ndarray:
+        """Return the covariance of the free parameters, nuisances marginalised, shape (parameters, parameters)."""
+        beside = self.jacobian - self.nuisances @ (self.nuisances.T @ self.jacobian)
+        scale = np.maximum(np.linalg.norm(beside, axis=0), 1e-12)
+        return np.linalg.pinv((beside / scale).T @ (beside / scale), rcond=1e-10, hermitian=True) / np.outer(
+            scale, scale
+        )
+
+
+def bare(recording: Recording) -> Recording:
+    """Return the recording without nuisance columns of its own: the evidence has them."""
+    return replace(recording, columns=np.zeros((recording.points, 0)), column_names=())
+
+
+def fit(
+    data: Sequence[Whitened],
+    free: Free,
+    *,
+    start: np.ndarray | None = None,
+    known: Fit | None = None,
+    iterations: int = 8,
+    secant: bool = False,
+) -> Fit:
+    """Follow the likelihood down with bounded, damped Gauss–Newton steps.
+
+    Parameters
+    ----------
+    data : sequence of Whitened
+    free : Free
+    start : numpy.ndarray, optional
+        Start values; default those in `free`.
+    known : Fit, optional
+        An earlier fit whose predictions and derivatives are taken over where they still hold.
+    iterations : int
+        Most steps.
+    secant : bool
+        Update the derivatives by Broyden's secant instead of computing them anew at each step; the derivatives
+        that `known` has are taken from it. Much cheaper, and enough to rank candidates.
+    """
+    problem = Problem(tuple(bare(item.recording) for item in data), free)
+    vector = free.allowed(np.array(free.start if start is None else start))
+    now = _at(problem, data, vector, known.point if known else None)
+    now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))
+    damping = 1e-6
+    for _ in range(iterations):
+        step = _step(now, damping)
+        promised = now.chi2 - float(np.sum((now.residual - _beside(now, now.jacobian @ step)) ** 2))
+        if promised < GAIN:
+            break
+        trial = _at(problem, now.data, free.allowed(now.point.vector + step), now.point)
+        if trial.chi2 >= now.chi2:
+            damping = max(100 * damping, 1e-3)
+            if damping > 1e3:
+                break
+            continue
+        taken = trial.point.vector - now.point.vector
+        jacobian = _secant(now, trial, taken) if secant else _jacobian(problem, trial, None)
+        now, damping = replace(trial, jacobian=jacobian), damping / 10
+    return now
+
+
+def _at(problem: Problem, data: Sequence[Whitened], vector: np.ndarray, known: Point | None) -> Fit:
+    """Predict, find the nuisances, and move the registration along with them."""
+    point = problem.at(vector, known)
+    for _ in range(2):
+        predicted = [t.heights_um for t in point.traces]
+        residuals = [d.residual(p) for d, p in zip(data, predicted, strict=True)]
+        columns = [d.white(d.nuisance_maps(p)) for d, p in zip(data, predicted, strict=True)]
+        coefficients, basis = nuisance_fit(columns, residuals)
+        shifts = coefficients[:, SHIFT : SHIFT + 2]
+        if np.abs(shifts).max() < 1e-3:
+            break
+        data = [_shifted(item, shift) for item, shift in zip(data, shifts, strict=True)]
+    residual = stack(residuals, prior_rows(len(data)))
+    return Fit(tuple(data), problem.free, point, np.zeros((len(residual), len(vector))),
+               residual - basis @ (basis.T @ residual), basis, coefficients)  # fmt: skip
+
+
+def _shifted(item: Whitened, shift: np.ndarray) -> Whitened:
+    """Return the recording with its registration moved, by at most a pixel in all."""
+    grid = item.recording.target
+    limit = np.array([grid.dx_um, grid.dy_um])
+    return replace(item, shift_um=tuple(np.clip(np.array(item.shift_um) + shift, -limit, limit)))
+
+
+def _jacobian(problem: Problem, now: Fit, known: Fit | None) -> np.ndarray:
+    """Return whitened derivatives by the free parameters; those that an earlier fit has are taken over."""
+    names = problem.free.names
+    have = {name: k for k, name in enumerate(known.free.names)} if known else {}
+    missing = [k for k, name in enumerate(names) if name not in have]
+    jacobian = np.zeros((len(now.residual), len(names)))
+    for k, name in enumerate(names):
+        if name in have:
+            jacobian[:, k] = known.jacobian[:, have[name]]
+    if missing:
+        chosen = [names[k] for k in missing]
+        partial = replace(problem.free, base=problem.free.parameters(now.point.vector), names=tuple(chosen),
+                          low=problem.free.low[missing], high=problem.free.high[missing])  # fmt: skip
+        sub = Problem(problem.recordings, partial)
+        raw = sub.jacobian(replace(now.point, vector=now.point.vector[missing]))
+        parts = [item.matrix @ columns for item, columns in zip(now.data, raw, strict=True)]
+        jacobian[:, missing] = stack(parts, prior_rows(len(now.data)))
+    return jacobian
+
+
+def _beside(now: Fit, values: np.ndarray) -> np.ndarray:
+    return values - now.nuisances @ (now.nuisances.T @ values)
+
+
+def _step(now: Fit, damping: float) -> np.ndarray:
+    """Return the damped least-squares step inside the bounds."""
+    free, vector = now.free, now.point.vector
+    width = free.high - free.low
+    matrix = _beside(now, now.jacobian) * width
+    sizes = np.linalg.norm(matrix, axis=0)
+    triangle = np.linalg.qr(np.column_stack([matrix, now.residual]), mode="r")
+    columns = matrix.shape[1]
+    ridge = np.diag(np.sqrt(damping) * np.maximum(sizes, 1e-6 * sizes.max(initial=1e-12)))
+    full = np.vstack([triangle[:columns, :columns], ridge])
+    goal = np.concatenate([triangle[:columns, columns], np.zeros(columns)])
+    reach = np.minimum((free.low - vector) / width, -1e-12), np.maximum((free.high - vector) / width, 1e-12)
+    return free.allowed(vector + lsq_linear(full, goal, bounds=reach, method="bvls").x * width) - vector
+
+
+def _secant(now: Fit, trial: Fit, step: np.ndarray) -> np.ndarray:
+    """Return Broyden's update of the derivatives; steps are measured in the widths of the bounds."""
+    scale = 1 / (now.free.high - now.free.low) ** 2
+    along = step * scale / (step @ (step * scale))
+    moved = _beside(now, now.residual) - _beside(trial, trial.residual)
+    return now.jacobian + np.outer(moved - _beside(now, now.jacobian @ step), along)

@@ -1,0 +1,121 @@
+"""The screen: which candidates does the residual point at, and how surely, all of them being tried at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
+from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.noise_fit import NoiseEstimate
+
+DRAWS = 200
+"""Maps of noise that the null distribution is made of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """What noise alone would look like in whitened space.
+
+    Parameters
+    ----------
+    draws : numpy.ndarray, shape (rows, draws)
+        Noise maps of every recording, drawn with noise models that the data allow, whitened with the estimated one.
+    """
+
+    draws: np.ndarray
+
+    @classmethod
+    def of(cls, data: Sequence[Whitened], noises: Sequence[NoiseEstimate], seed: int, count: int = DRAWS) -> Null:
+        """Draw the null."""
+        rng = np.random.default_rng(seed)
+        parts = []
+        for item, noise in zip(data, noises, strict=True):
+            used = item.recording.used
+            maps = np.stack([noise.draw(rng).simulate(used.shape, rng)[used] for _ in range(count)], axis=1)
+            parts.append((item.matrix @ maps).astype(np.float32))
+        return cls(stack(parts, prior_rows(len(data))))
+
+    def along(self, columns: np.ndarray) -> np.ndarray:
+        """Return the null's components along orthonormal or unit columns, shape (columns, draws)."""
+        return columns.T.astype(np.float32) @ self.draws
+
+
+@dataclass(frozen=True, eq=False)
+class Screen:
+    """Scores of the candidates beside a fit.
+
+    Parameters
+    ----------
+    z : numpy.ndarray, shape (candidates,)
+        Score in standard deviations of its own null; one-sided candidates that point the forbidden way have 0.
+    amplitude : numpy.ndarray, shape (candidates,)
+        Linear estimate of the strength, in typical sizes.
+    visible : numpy.ndarray, shape (candidates,)
+        Score that the typical size would give: what these data can see of the candidate.
+    columns : numpy.ndarray, shape (rows, candidates)
+        Projected signatures of length 1.
+    trials : float
+        Independent tests that the whole family amounts to.
+    """
+
+    z: np.ndarray
+    amplitude: np.ndarray
+    visible: np.ndarray
+    columns: np.ndarray
+    trials: float
+
+    def p_value(self, z: float) -> float:
+        """Return the probability that noise alone gives any candidate a score this large."""
+        single = 2 * stats.norm.sf(abs(z))
+        return float(-np.expm1(self.trials * np.log1p(-min(single, 1 - 1e-12))))
+
+    def threshold(self, level: float = 0.05) -> float:
+        """Return the score that noise alone exceeds anywhere with this probability."""
+        return float(stats.norm.isf(-np.expm1(np.log1p(-level) / self.trials) / 2))
+
+
+def beside(fit_basis: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Remove the fit's own freedom from columns; return unit columns, and the lengths that were left."""
+    left = columns - fit_basis @ (fit_basis.T @ columns)
+    left -= fit_basis @ (fit_basis.T @ left)
+    lengths = np.linalg.norm(left, axis=0)
+    known = lengths > 1e-6 * np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    return left * np.where(known, 1 / np.where(known, lengths, 1), 0.0), np.where(known, lengths, 0.0)
+
+
+def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> Screen:
+    """Score every candidate: z = g⊥·r, in units of what the null gives.
+
+    Parameters
+    ----------
+    fitted : Fit
+    columns : numpy.ndarray, shape (rows, candidates)
+        Whitened signatures per typical size.
+    signs : numpy.ndarray, shape (candidates,)
+        +1 or −1 where only this sign of the strength (in typical sizes) is physical, 0 both.
+    null : Null
+    """
+    unit, lengths = beside(fitted.basis, columns)
+    components = null.along(unit)
+    spread = np.maximum(components.std(axis=1), 1e-6)
+    seen = lengths > 0
+    spread = np.where(seen, spread, np.inf)
+    raw = unit.T @ fitted.residual
+    allowed = (signs == 0) | (np.sign(raw) == signs)
+    scores = np.where(allowed, raw / spread, 0.0)
+    nulls = components / spread[:, None]
+    nulls = np.where((signs == 0)[:, None] | (np.sign(nulls) == signs[:, None]), nulls, 0.0)
+    largest = np.abs(nulls).max(axis=0)
+    amplitude = np.divide(raw, lengths, out=np.zeros_like(raw), where=seen)
+    return Screen(scores, amplitude, np.where(seen, lengths / spread, 0.0), unit, _trials(largest))
+
+
+def _trials(largest: np.ndarray) -> float:
+    """Return how many independent two-sided tests have maxima distributed like these, by their upper half."""
+    levels = np.array([0.5, 0.7, 0.8, 0.9, 0.95])
+    single = 2 * stats.norm.sf(np.quantile(largest, levels))
+    return float(max(np.median(np.log(levels) / np.log1p(-np.minimum(single, 1 - 1e-9))), 1.0))

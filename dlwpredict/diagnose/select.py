@@ -1,0 +1,218 @@
+"""From scores to a model: refit the survivors together with everything else, add what convinces, drop what does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dlwpredict.diagnose.candidates import Candidate, candidates, matters, signatures
+from dlwpredict.diagnose.evidence import prior_rows, stack
+from dlwpredict.diagnose.fit import Fit, fit
+from dlwpredict.diagnose.screen import Null, Screen, screen
+from dlwpredict.effects.base import Effect
+from dlwpredict.flat import Free, choose
+from dlwpredict.parameters import ParameterSet, declarations
+
+MOST_EFFECTS = 3
+"""Effects that one diagnosis names at most."""
+
+LEVEL = 0.05
+"""Family-wise probability at which noise alone would name an effect."""
+
+SHORTLIST = 6
+"""Effects that are refitted per round."""
+
+START_SHARE = 0.5
+"""Refits start at this share of the linear strength: the full one may overshoot where the law is not linear."""
+
+INDISTINCT = 9.0
+"""Two effects stay in one class while the refitted runner-up is not this far behind in 2 ln L."""
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect in the model, and those that would do nearly as well in its place.
+
+    Parameters
+    ----------
+    effect : Effect
+        As fitted.
+    gain : float
+        2 ln L that it brings beside the others.
+    p_value : float
+        Family-wise.
+    alternatives : dict
+        Name to what 2 ln L loses with that effect in this one's place; below `INDISTINCT` only.
+    """
+
+    effect: Effect
+    gain: float
+    p_value: float
+    alternatives: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """All candidates with their whitened signatures at the baseline.
+
+    Parameters
+    ----------
+    chosen : list of Candidate
+    columns : numpy.ndarray, shape (rows, candidates)
+        Whitened change per typical size.
+    """
+
+    chosen: list[Candidate]
+    columns: np.ndarray
+
+    @classmethod
+    def of(cls, baseline: Fit) -> Library:
+        """Compute the signatures of every candidate about a fit."""
+        chosen = candidates(baseline.parameters)
+        numerics = next(step.numerics for step in baseline.point.traces[0].chain if hasattr(step, "numerics"))
+        recordings = [item.recording for item in baseline.data]
+        maps = signatures(chosen, recordings, baseline.parameters, baseline.point.traces, numerics)
+        below = prior_rows(len(recordings))
+        white = [
+            stack([item.white(change) for item, change in zip(baseline.data, changes, strict=True)], below)
+            for changes in maps
+        ]
+        return cls(chosen, np.stack(white, axis=1))
+
+    @property
+    def signs(self) -> np.ndarray:
+        """Sign of the strength, in typical sizes, that alone is physical; 0 where both are."""
+        return np.array([candidate.one_sided * np.sign(candidate.unit) for candidate in self.chosen])
+
+    def screen(self, fitted: Fit, null: Null) -> Screen:
+        """Score every candidate beside a fit; effects that it has already are left out."""
+        present = {effect.name for effect in fitted.parameters.effects}
+        absent = np.array([candidate.name not in present for candidate in self.chosen])
+        return screen(fitted, self.columns * absent, self.signs, null)
+
+
+def select(
+    baseline: Fit, library: Library, null: Null, *, tell: Callable[[str], None] = lambda text: None
+) -> tuple[Fit, list[Named]]:
+    """Grow the model effect by effect while noise cannot explain the next one; then try to do without each.
+
+    Returns
+    -------
+    Fit
+        With the named effects among its parameters; the baseline itself where there are none.
+    list of Named
+        Strongest first.
+    """
+    model, p_values = baseline, {}
+    while len(p_values) < MOST_EFFECTS:
+        scores = library.screen(model, null)
+        best = int(np.argmax(np.abs(scores.z)))
+        p_value = scores.p_value(scores.z[best])
+        if p_value > LEVEL:
+            break
+        tried = refits(model, library, scores)
+        tell(
+            f"round {len(p_values) + 1}: " + ", ".join(f"{name} {model.chi2 - t.chi2:.0f}" for name, t in tried.items())
+        )
+        name = max(
+            tried, key=lambda n: model.chi2 - tried[n].chi2 - 2 * (len(tried[n].free.names) - len(model.free.names))
+        )
+        grown = fit(tried[name].data, tried[name].free, start=tried[name].point.vector, known=tried[name])
+        if model.chi2 - grown.chi2 < scores.threshold() ** 2 or not _inside(grown, name):
+            break
+        model, p_values[name] = grown, p_value
+    model, p_values = _backward(model, p_values, library, null)
+    named = [_named(model, baseline, name, p, library, null) for name, p in p_values.items()]
+    return model, sorted(named, key=lambda item: -item.gain)
+
+
+def refits(model: Fit, library: Library, scores: Screen, most: int = SHORTLIST) -> dict[str, Fit]:
+    """Refit the effects that score best, each from its best shape, together with all that the model has."""
+    strength = np.abs(scores.z)
+    order = np.argsort(-strength)
+    chosen: dict[str, int] = {}
+    for k in order:
+        if strength[k] >= max(0.5 * strength[order[0]], 1e-9) and len(chosen) < most:
+            chosen.setdefault(library.chosen[k].name, int(k))
+    return {name: refit(model, library.chosen[k], START_SHARE * scores.amplitude[k]) for name, k in chosen.items()}
+
+
+def refit(model: Fit, candidate: Candidate, share: float) -> Fit:
+    """Fit one more effect together with everything that the model has free, from a start strength in typical sizes."""
+    limited = np.clip(share, -3, 3)
+    effect = candidate.at(float(limited) if abs(limited) > 0.05 else 0.05 * (np.sign(limited) or 1.0))
+    parameters = replace(model.parameters, effects=(*model.parameters.effects, effect))
+    free = freed(parameters, model.free)
+    return fit(model.data, free, known=model, secant=True)
+
+
+def freed(parameters: ParameterSet, like: Free) -> Free:
+    """Return what may move: what moved before, and of every effect the switches that are on, with their shapes."""
+    names = [name for name in like.names if "." not in name]
+    for effect in parameters.effects:
+        on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+        shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
+        shapes = [n for n in shapes if not (n.startswith("centre_") or _idle(effect, n))]
+        names += [f"{effect.name}.{n}" for n in (*on, *shapes)]
+    return choose(parameters, free=names)
+
+
+def _idle(effect: Effect, name: str) -> bool:
+    """Tell whether a shape belongs to a switch that is off, by trying both ends of its range on a small part."""
+    on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+    return not any(matters(type(effect), s, name) for s in on)
+
+
+def _inside(fitted: Fit, name: str) -> bool:
+    """Tell whether a 95 % interval of any strength of the effect leaves out its off value."""
+    sd = np.sqrt(np.diag(fitted.covariance()))
+    effect = next(e for e in fitted.parameters.effects if e.name == name)
+    for switch in effect.switches():
+        k = fitted.free.index(f"{name}.{switch}")
+        if k is not None and abs(fitted.point.vector[k] - declarations(effect)[switch][0]) > 1.96 * sd[k]:
+            return True
+    return False
+
+
+def without(model: Fit, name: str) -> Fit:
+    """Refit the model without one of its effects."""
+    kept = tuple(effect for effect in model.parameters.effects if effect.name != name)
+    parameters = replace(model.parameters, effects=kept)
+    return fit(model.data, freed(parameters, model.free), known=model, secant=True)
+
+
+def _backward(model: Fit, p_values: dict[str, float], library: Library, null: Null) -> tuple[Fit, dict[str, float]]:
+    """Drop effects that the later ones have made unnecessary."""
+    for name in list(p_values):
+        if len(p_values) < 2:
+            break
+        fewer = without(model, name)
+        if fewer.chi2 - model.chi2 < library.screen(fewer, null).threshold() ** 2:
+            model = fit(fewer.data, fewer.free, start=fewer.point.vector)
+            p_values = {n: p for n, p in p_values.items() if n != name}
+    return model, p_values
+
+
+def _named(model: Fit, baseline: Fit, name: str, p_value: float, library: Library, null: Null) -> Named:
+    """Compare an effect of the model with those that could stand in its place."""
+    effect = next(e for e in model.parameters.effects if e.name == name)
+    rest = without(model, name) if len(model.parameters.effects) > 1 else baseline
+    others = refits(rest, library, library.screen(rest, null))
+    losses = {other: fitted.chi2 - model.chi2 for other, fitted in others.items() if other != name}
+    close = {other: loss for other, loss in sorted(losses.items(), key=lambda item: item[1]) if loss < INDISTINCT}
+    return Named(effect, rest.chi2 - model.chi2, p_value, close)
+
+
+def strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, float | str]]:
+    """Return value and 95 % interval of every freed parameter of an effect, inside its declared range."""
+    sd = np.sqrt(np.diag(fitted.covariance()))
+    found = {}
+    for name, (_, declared) in declarations(effect).items():
+        k = fitted.free.index(f"{effect.name}.{name}")
+        if k is not None:
+            value = float(fitted.point.vector[k])
+            low, high = (float(np.clip(value + s * 1.96 * sd[k], declared.low, declared.high)) for s in (-1, 1))
+            found[name] = {"value": value, "low": low, "high": high, "unit": declared.unit}
+    return found
