@@ -136,6 +136,15 @@ class TestAction:
         assert np.isfinite(once[~gaps]).all()
         assert rms((once - plain())[~gaps]) > 2e-4
 
+    def test_finite_at_both_ends_of_every_range(self, name):
+        target = relief(40, 7)
+        for parameter, (_, known) in declarations(library()[name]).items():
+            for end in (known.low, known.high):
+                if parameter != "direction":
+                    effect = replace(switched_on(name), **{parameter: end})
+                    printed = recorded(target, effect)
+                    assert np.isfinite(printed).all() or name == "slope-error"
+
     def test_room_around_the_map_changes_nothing(self, name):
         target = relief()
         wide = HeightMap(np.pad(target.heights_um, 20), PITCH, PITCH)

@@ -23,7 +23,7 @@ class PowerDrift(DoseEffect):
     separated_by = "a twin printed from the top layer down, marker pads written first and last, or a power log"
 
     drift: float = declare(
-        0.0, "1", -0.5, 0.5, "change of intensity from the substrate to the highest layer", typical=0.03
+        0.0, "1", -0.25, 0.25, "change of intensity from the substrate to the highest layer", typical=0.03
     )
 
     def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:

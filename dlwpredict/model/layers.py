@@ -58,6 +58,11 @@ class Columns:
         Whether the solid continues below z = 0, with its weight at 0.
     reduce : function of a plane, optional
         Linear reduction of the result.
+
+    Attributes
+    ----------
+    highest : numpy.ndarray, shape (rows, cols)
+        Largest weight in each column, 0 where it is empty.
     """
 
     def __init__(
@@ -82,6 +87,8 @@ class Columns:
         at = np.take_along_axis(weights, self.last[None], axis=0)[0]
         under = np.take_along_axis(weights, np.maximum(self.last - 1, 0)[None], axis=0)[0]
         beyond = (heights_um - self.faces_um[self.last]) / (2 * step)
+        highest = np.maximum.accumulate(weights, axis=0)
+        self.highest = np.where(written, np.take_along_axis(highest, self.last[None], axis=0)[0], 0)
         self.top = np.where(written, at + (at - under) * np.minimum(beyond, 0.5), 0)
 
     def convolved(self, z_um: float, sigma_um: float) -> np.ndarray:

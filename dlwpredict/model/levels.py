@@ -55,7 +55,7 @@ class Levels:
 
         Per tile: levels z_k that span the tile's heights, E_k = Σ weight · G_xy ⊛ Φ((h − z_k)/s_z), then the root of
         ndtri(E/D) − ndtri(P/D) between levels, by a cubic. Where the dose differs from layer to layer, Φ becomes the
-        sum over the layers, and D is the dose of the column's last layer.
+        sum over the layers, and D is the largest dose of the column.
         """
         written = dose.written
         heights = written.heights_um
@@ -139,13 +139,13 @@ class _Exposure:
 
         return self._spread(lambda part: axial(part.sigma_z_um(z_um)))
 
-    def last_dose(self) -> np.ndarray | float:
-        """Return the relative dose of the last layers as the focus sees it."""
+    def highest_dose(self) -> np.ndarray | float:
+        """Return the largest relative dose of each column as the focus sees it: exposure stays below it."""
         if self.columns is None:
             return 1.0
         written = (self.heights_um > 0).astype(float)
         nominal = np.maximum(self._spread(lambda part: written), _TINY)
-        return np.maximum(self._spread(lambda part: self.columns.top) / nominal, _TINY)
+        return np.maximum(self._spread(lambda part: self.columns.highest) / nominal, _TINY)
 
     def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
         return sum(part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um) for part in self.focus)
@@ -157,8 +157,7 @@ def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: f
     The threshold is one number, or a stack over the levels j · step, j ≥ 0.
     """
     first, last = _levels_around(exposure, np.min(threshold), step)
-    # where the last layers are too weak by themselves, the surface lies deeper, at more than their own dose
-    dose = np.maximum(exposure.last_dose(), np.max(threshold) / LARGEST_FRACTION)
+    dose = np.maximum(exposure.highest_dose(), np.max(threshold) / LARGEST_FRACTION)
     surface = np.zeros(exposure.heights_um.shape)
     exposures: list[np.ndarray] = []
     wanted: list[np.ndarray] = []

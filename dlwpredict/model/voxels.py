@@ -26,7 +26,7 @@ class Voxels:
     slice_um : float
         Height of a voxel, µm; its other sides are the target's pixels.
     memory_mb : float
-        Rows are worked on in blocks whose stacks stay within this.
+        Cross-linking is worked on in slabs of slices that stay within this.
     """
 
     slice_um: float = 0.1
@@ -63,39 +63,43 @@ class Voxels:
         surface = crosslinked.exposed.surface
         if not surface.heights_um.any():
             return np.zeros(surface.shape)
-        largest = 1.0
-        if reference == "structure_maximum":
-            largest = max(float(m_cl.max()) for _, m_cl, _ in self._blocks(crosslinked))
-        mean = np.zeros(surface.shape)
-        for rows, m_cl, solid in self._blocks(crosslinked):
-            values = m_cl / largest
-            for curve in crosslinked.curves:
-                values = curve(np.clip(values, 0, 1))
-            mean[rows] = np.sum(values * solid, axis=0) / np.maximum(solid.sum(axis=0), 1)
-        return mean
+        total, count, largest = np.zeros(surface.shape), np.zeros(surface.shape), 0.0
+        for m_cl, solid in self._slabs(crosslinked):
+            total += np.sum(m_cl * solid, axis=0)
+            count += solid.sum(axis=0)
+            largest = max(largest, float(m_cl.max()))
+        if reference != "structure_maximum":
+            largest = 1.0
+        if crosslinked.curves:
+            total[:] = 0
+            for m_cl, solid in self._slabs(crosslinked):
+                values = m_cl / largest
+                for curve in crosslinked.curves:
+                    values = curve(np.clip(values, 0, 1))
+                total += np.sum(values * solid, axis=0)
+            largest = 1.0
+        return total / largest / np.maximum(count, 1)
 
-    def _blocks(self, crosslinked: Crosslinked) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Yield, block of rows by block of rows, the rows, m_cl (slice, rows, cols), and the exposed voxels."""
-        exposed = crosslinked.exposed
-        packed, grid = exposed.solid, exposed.surface
+    def _slabs(self, crosslinked: Crosslinked) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield, slab of slices by slab of slices, m_cl and the exposed voxels, both (slices, rows, cols)."""
+        packed, grid = crosslinked.exposed.solid, crosslinked.exposed.surface
         sigma_xy, sigma_z = crosslinked.fwhm_xy_um / FWHM_PER_SIGMA, crosslinked.fwhm_z_um / FWHM_PER_SIGMA
-        count, rows, cols = 8 * len(packed), *grid.shape
-        axial = _axial_matrix(sigma_z / self.slice_um, count)
-        halo = int(np.ceil(REACH_SIGMAS * sigma_xy / grid.dy_um))
-        # a block holds about five stacks of four bytes
-        block = max(int(self.memory_mb * 1e6 / (count * cols * 20)) - 2 * halo, 16)
-        z = self.centres(count)
-        for first in range(0, rows, block):
-            start, stop = max(first - halo, 0), min(first + block + halo, rows)
-            inner = slice(first - start, min(first + block, rows) - start)
-            solid = np.unpackbits(packed[:, start:stop], axis=0).astype(np.float32)
-            source = solid
-            if crosslinked.converts:
-                source = solid.copy()
-                for plane, height in zip(source, z, strict=True):
-                    plane *= np.broadcast_to(crosslinked.source_weight(height), grid.shape)[start:stop]
-            m_cl = blur(np.tensordot(axial, source, axes=1), sigma_xy / grid.dy_um, sigma_xy / grid.dx_um)
-            yield slice(first, min(first + block, rows)), m_cl[:, inner], solid[:, inner]
+        count, (rows, cols) = 8 * len(packed), grid.shape
+        axial, z = _axial_matrix(sigma_z / self.slice_um, count), self.centres(count)
+        # half for planes of four bytes that the blur copies some six times, half for columns of two stacks
+        slices = 8 * max(int(self.memory_mb * 5e5 / (24 * rows * cols)) // 8, 1)
+        block = max(int(self.memory_mb * 5e5 / (8 * count * cols)), 1)
+        for first in range(0, count, slices):
+            m_cl = np.empty((min(slices, count - first), rows, cols), dtype=np.float32)
+            for start in range(0, rows, block):
+                inside = slice(start, start + block)
+                source = np.unpackbits(packed[:, inside], axis=0).astype(np.float32)
+                if crosslinked.converts:
+                    for plane, height in zip(source, z, strict=True):
+                        plane *= np.broadcast_to(crosslinked.source_weight(height), grid.shape)[inside]
+                m_cl[:, inside] = np.tensordot(axial[first : first + slices], source, axes=1)
+            solid = np.unpackbits(packed[first // 8 : (first + slices) // 8], axis=0)
+            yield blur(m_cl, sigma_xy / grid.dy_um, sigma_xy / grid.dx_um), solid
 
 
 class _SliceExposure:
