@@ -1,14 +1,17 @@
 """Noise of a height map: white from pixel to pixel, plus a part with a correlation length; with masks treated exactly.
 
-Covariance over distance d: σ_n²·[d = 0] + σ_c²·(1 + √3·d/ℓ)·exp(−√3·d/ℓ), a nugget and a Matérn covariance of
-smoothness 3/2. Pixels that do not count are never filled with zeros and then filtered: products with the covariance
-are restricted to the pixels that count, and its inverse is solved for on these alone.
+Covariance over distance d: σ_n²·[d = 0] + σ_c²·M_ν(d/ℓ), a nugget and a Matérn covariance of smoothness ν: 1/2, 3/2,
+5/2, or infinite (a Gaussian), whichever the map prefers. With ν fixed at 3/2, noise that an instrument has smoothed
+would be taken for noise of three times its length.
+
+Pixels that do not count are never filled with zeros and then filtered: products with the covariance are restricted to
+the pixels that count, and its inverse is solved for on these alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -17,6 +20,11 @@ from scipy.signal.windows import tukey
 from scipy.sparse.linalg import LinearOperator, cg
 
 from dlwpredict.errors import ResultError
+
+SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
+
+FLOOR = 0.03
+"""Least white share of the standard deviation: no map is smoother, and whitening stays well-conditioned."""
 
 LARGEST_PX = 256
 """Maps are analysed in tiles of at most this many pixels a side."""
@@ -39,9 +47,11 @@ class Noise:
     correlated_um : float
         Standard deviation of the correlated part, µm.
     length_um : float
-        Correlation length ℓ of the Matérn-3/2, µm; its covariance falls to 1/e at 1.24·ℓ.
+        Correlation length ℓ, µm.
     dx_um, dy_um : float
         Pitch, µm.
+    smoothness : float
+        ν: 0.5, 1.5, 2.5 or inf.
     noise_from : str
         How it was estimated.
 
@@ -56,6 +66,7 @@ class Noise:
     length_um: float
     dx_um: float
     dy_um: float
+    smoothness: float = 1.5
     noise_from: str = "given"
 
     @property
@@ -67,7 +78,7 @@ class Noise:
         """Return the covariance with pixel (0, 0) on a periodic grid, µm², shape ``shape``."""
         rows, cols = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
         distance = np.hypot(rows[:, None] * self.dy_um, cols * self.dx_um)
-        value = self.correlated_um**2 * matern(distance, self.length_um)
+        value = self.correlated_um**2 * matern(distance, self.length_um, self.smoothness)
         value[0, 0] += self.white_um**2
         return value
 
@@ -127,10 +138,18 @@ class Noise:
         return float(counted.sum() ** 2 * self.sigma_um**2 / np.sum(counted * self.times(counted)))
 
 
-def matern(distance: np.ndarray, length: float) -> np.ndarray:
-    """Return the Matérn correlation of smoothness 3/2, (1 + √3·d/ℓ)·exp(−√3·d/ℓ)."""
-    scaled = np.sqrt(3) * distance / length
-    return (1 + scaled) * np.exp(-scaled)
+def matern(distance: np.ndarray, length: float, smoothness: float = 1.5) -> np.ndarray:
+    """Return the Matérn correlation M_ν(d/ℓ) (Rasmussen & Williams, Gaussian Processes, 2006, ch. 4).
+
+    Examples
+    --------
+    >>> [round(float(matern(1.0, 1.0, nu)), 3) for nu in SMOOTHNESSES]
+    [0.368, 0.483, 0.524, 0.607]
+    """
+    if smoothness == np.inf:
+        return np.exp(-((distance / length) ** 2) / 2)
+    scaled = np.sqrt(2 * smoothness) * distance / length
+    return {0.5: 1.0, 1.5: 1 + scaled, 2.5: 1 + scaled + scaled**2 / 3}[smoothness] * np.exp(-scaled)
 
 
 def scatter(values: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -141,7 +160,13 @@ def scatter(values: np.ndarray, used: np.ndarray) -> np.ndarray:
 
 
 def estimate(
-    maps: Sequence[np.ndarray], used: np.ndarray, dx_um: float, dy_um: float, *, noise_from: str = "residual"
+    maps: Sequence[np.ndarray],
+    used: np.ndarray,
+    dx_um: float,
+    dy_um: float,
+    *,
+    smoothness: float | None = None,
+    noise_from: str = "residual",
 ) -> Noise:
     """Estimate the noise by the debiased Whittle likelihood (Guillaumin et al., J. R. Stat. Soc. B 84, 1526, 2022).
 
@@ -157,6 +182,8 @@ def estimate(
         Pixels that count.
     dx_um, dy_um : float
         Pitch, µm.
+    smoothness : float, optional
+        ν, if it is known.
     noise_from : str
         Where the maps come from, for the record.
     """
@@ -164,25 +191,38 @@ def estimate(
     cut = OUTLIER * max(1.4826 * float(np.median(np.abs(bulk))), 1e-6)
     clipped = [np.where(used, np.clip(values, -cut, cut), 0.0) for values in maps]
     tiles = [_Tile.of([values[at] for values in clipped], used[at]) for at in _tiles(used)]
-    pitch, side = min(dx_um, dy_um), min(n * p for n, p in zip(used.shape, (dy_um, dx_um), strict=True))
+    side = min(n * p for n, p in zip(used.shape, (dy_um, dx_um), strict=True))
     spread = float(np.std(np.clip(bulk, -cut, cut)))
+    lengths = 0.7 * min(dx_um, dy_um), max(side / 4, 2 * max(dx_um, dy_um))
+    fits = [
+        _fit(tiles, Noise(FLOOR * spread, spread, lengths[0], dx_um, dy_um, nu, noise_from), lengths)
+        for nu in (SMOOTHNESSES if smoothness is None else (smoothness,))
+    ]
+    return min(fits, key=lambda fit: fit[1])[0]
+
+
+def _fit(tiles: Sequence[_Tile], least: Noise, lengths: tuple[float, float]) -> tuple[Noise, float]:
+    """Return the most likely noise of one smoothness, and its misfit."""
+    spread = least.correlated_um
+    low = np.log([least.white_um, 1e-3 * spread, lengths[0]])
+    high = np.log([3 * spread, 3 * spread, lengths[1]])
 
     def model(logs: np.ndarray) -> Noise:
         white, correlated, length = np.exp(np.clip(logs, low, high))
-        return Noise(float(white), float(correlated), float(length), dx_um, dy_um, noise_from)
+        return replace(least, white_um=float(white), correlated_um=float(correlated), length_um=float(length))
 
-    low = np.log([1e-3 * spread, 1e-3 * spread, 0.7 * pitch])
-    high = np.log([3 * spread, 3 * spread, max(side / 4, 2 * pitch)])
-    starts = [np.log([0.5 * spread, 0.9 * spread, length]) for length in np.geomspace(2 * pitch, side / 8, 4)]
-    misfit = lambda logs: sum(tile.misfit(model(logs)) for tile in tiles)  # noqa: E731
+    def misfit(logs: np.ndarray) -> float:
+        return sum(tile.misfit(model(logs)) for tile in tiles)
+
+    starts = [np.log([0.2 * spread, 0.9 * spread, length]) for length in np.geomspace(*lengths, 5)]
     found = minimize(
         misfit,
         min(starts, key=misfit),
         method="Nelder-Mead",
         bounds=list(zip(low, high, strict=True)),
-        options={"xatol": 2e-3, "fatol": 1e-2, "maxfev": 300},
+        options={"xatol": 5e-3, "fatol": 2e-2, "maxfev": 200},
     )
-    return model(found.x)
+    return model(found.x), float(found.fun)
 
 
 def _tiles(used: np.ndarray) -> list[tuple[slice, slice]]:

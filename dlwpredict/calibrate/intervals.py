@@ -165,8 +165,8 @@ def _drawn_again(
     goal = np.concatenate([d * root for d, root in zip(drawn, roots, strict=True)])
     step = np.linalg.lstsq(stacked, goal, rcond=1e-10)[0]
     return [
-        estimate([r.on_map(d - j @ step)], r.used, r.target.dx_um, r.target.dy_um)
-        for r, d, j in zip(recordings, drawn, jacobian, strict=True)
+        estimate([r.on_map(d - j @ step)], r.used, r.target.dx_um, r.target.dy_um, smoothness=noise.smoothness)
+        for r, d, j, noise in zip(recordings, drawn, jacobian, noises, strict=True)
     ]
 
 

@@ -20,7 +20,7 @@ JUMP_UM, JUMP_SLOPE = 0.2, 1.0
 """A wall is a jump between neighbours that exceeds what the slope around explains by this much, and by this slope."""
 
 FEWEST_POINTS = 500
-"""Measured points that a fit must at least have, all recordings together."""
+"""Measured points on the part that a fit must at least have, all recordings together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +105,10 @@ def check_points(recordings: Sequence[Recording]) -> None:
     ResultError
         Fewer than `FEWEST_POINTS`.
     """
-    points = sum(recording.points for recording in recordings)
+    points = sum(int((r.used & (r.target.heights_um > 0)).sum()) for r in recordings)
     if points < FEWEST_POINTS:
         raise ResultError(
-            f"{points} measured points away from walls",
+            f"{points} measured points on the part and away from walls",
             where=recordings[0].name,
             key="heights",
             allowed=f"at least {FEWEST_POINTS} in all recordings together",

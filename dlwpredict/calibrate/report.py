@@ -73,6 +73,7 @@ def _recording(found: Calibration, k: int) -> dict[str, Any]:
             "white": _short(noise.white_um),
             "correlated": _short(noise.correlated_um),
             "length": _short(noise.length_um),
+            "smoothness": noise.smoothness,
         },
         "effective_points": round(noise.effective_points(recording.used)),
     }

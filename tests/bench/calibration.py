@@ -1,0 +1,133 @@
+"""Calibration against known truth: coverage of the 95 % intervals, and fast against simplex.
+
+Run as ``python -m tests.bench.calibration [--trials 100] [--cases 20] [--seed 0]``; `make bench-calibration` does.
+Recordings are predictions with 20 nm of correlated noise. The noise is white noise under a Gaussian filter: not the
+Matérn form that the intervals assume.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from dlwpredict import designs
+from dlwpredict.calibrate import Problem, Recording, calibrate, prepare
+from dlwpredict.calibrate.fast import fast
+from dlwpredict.calibrate.simplex import simplex
+from dlwpredict.flat import choose, value_of
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import Paper, ParameterSet, declarations
+from dlwpredict.process import predict
+from dlwpredict.smoothing import blur
+
+NOISE_UM = 0.02
+PITCH_UM = 0.5
+SAME = 1e-4  # fast has reached the rmse of simplex where it is at most this share above it
+
+
+def targets() -> list[HeightMap]:
+    """Build a small trio with the substrate in view: chirp, roughness, stairs."""
+    common = {"pitch_um": PITCH_UM, "margin_um": 4.0}
+    return [
+        designs.cin(size_um=32.0, **common),
+        designs.air(size_um=32.0, **common),
+        designs.stairs(size_um=32.0, feature_um=4.0, **common),
+    ]
+
+
+def drawn_truth(rng: np.random.Generator) -> ParameterSet:
+    """Draw seven parameters about the paper's."""
+    low = np.array([0.45, 1.3, 0.40, 5.5, 5.5, 0.68, 0.90])
+    high = np.array([0.65, 1.9, 0.55, 8.5, 8.5, 0.80, 1.00])
+    return ParameterSet(paper=Paper(*rng.uniform(low, high)))
+
+
+def noise(rng: np.random.Generator, shape: tuple[int, int], width_um: float) -> np.ndarray:
+    """Draw Gaussian-filtered noise of 20 nm (standard deviation of the filter: width_um)."""
+    wide = [n + 2 * int(6 * width_um / PITCH_UM) for n in shape]
+    field = blur(rng.standard_normal(wide), width_um / PITCH_UM, width_um / PITCH_UM)
+    rows, cols = ((n - m) // 2 for n, m in zip(wide, shape, strict=True))
+    field = field[rows : rows + shape[0], cols : cols + shape[1]]
+    return NOISE_UM * field * (2 * np.sqrt(np.pi) * width_um / PITCH_UM)
+
+
+def recorded(parts: list[HeightMap], truth: ParameterSet, rng: np.random.Generator) -> tuple[Recording, ...]:
+    """Record the trio: each with noise of its own correlation, 0.4 to 1 µm."""
+    return tuple(
+        prepare(part, part.with_heights(predict(part, truth).heights_um + noise(rng, part.shape, rng.uniform(0.4, 1))))
+        for part in parts
+    )
+
+
+def coverage(trials: int, seed: int) -> None:
+    """Print how often the intervals cover the truth."""
+    names = list(declarations(Paper))
+    covered, known, missed, seconds, work = [], [], [], [], []
+    for trial in range(trials):
+        rng = np.random.default_rng([seed, trial])
+        truth = drawn_truth(rng)
+        started = time.perf_counter()
+        found = calibrate(recorded(targets(), truth, rng), choose(ParameterSet()), seed=trial)
+        seconds.append(time.perf_counter() - started)
+        work.append(found.work["all"])
+        values = np.array([value_of(truth, name) for name in names])
+        covered.append((found.intervals[:, 0] <= values) & (values <= found.intervals[:, 1]))
+        known.append(list(found.identified.values()))
+        missed.append((found.point.vector - values) / values)
+        print(f"trial {trial}: missed {[n for n, c in zip(names, covered[-1], strict=True) if not c]}", flush=True)
+    covered, known = np.array(covered), np.array(known)
+    print(f"\n95 % intervals over {trials} trials, {NOISE_UM * 1e3:.0f} nm noise, {np.median(seconds):.1f} s each")
+    print(f"{'parameter':<24}{'identified':>12}{'covered':>10}{'error rms %':>13}{'bias %':>8}")
+    for k, name in enumerate(names):
+        error = 100 * np.array(missed)[:, k]
+        print(
+            f"{name:<24}{known[:, k].mean():>12.0%}{covered[:, k].mean():>10.1%}"
+            f"{np.sqrt(np.mean(error**2)):>13.2f}{error.mean():>8.2f}"
+        )
+    print(f"{'all identified':<24}{'':>12}{covered[known].mean():>10.1%}   (wanted 90 to 98 %)")
+    print(f"work per trial: {np.median(work):.0f} predictions of the trio, intervals included")
+
+
+def race(cases: int, seed: int) -> None:
+    """Print fast against simplex from the same start, on the same square loss."""
+    wins, works, walls = [], [], []
+    for case in range(cases):
+        rng = np.random.default_rng([seed, 1000 + case])
+        recordings = recorded(targets()[: 1 + case % 2], drawn_truth(rng), rng)
+        found = {}
+        for name, method in (("fast", fast), ("simplex", simplex)):
+            problem = Problem(recordings, choose(ParameterSet()))
+            start, started = problem.at(problem.free.start), time.perf_counter()
+            point = method(problem, start)
+            found[name] = point.rmse_um, problem.work, time.perf_counter() - started
+        (a, wa, ta), (b, wb, tb) = found["fast"], found["simplex"]
+        wins.append(a <= b * (1 + SAME))
+        works.append(wb / wa)
+        walls.append(tb / ta)
+        print(
+            f"case {case:2d}: rmse fast {1e3 * a:.4f} nm, simplex {1e3 * b:.4f} nm; "
+            f"work {wa:.0f} against {wb:.0f} (x{wb / wa:.0f}); wall {ta:.1f} against {tb:.1f} s (x{tb / ta:.0f})",
+            flush=True,
+        )
+    print(f"\nfast reaches the same or a lower rmse (to {SAME:.0e}) in {np.mean(wins):.0%} of {cases} (wanted 95 %)")
+    print(f"work ratio: median x{np.median(works):.0f}, least x{min(works):.0f} (wanted 20)")
+    print(f"wall ratio: median x{np.median(walls):.0f}, least x{min(walls):.0f}")
+
+
+def main() -> None:
+    """Run both."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    if chosen.cases:
+        race(chosen.cases, chosen.seed)
+    if chosen.trials:
+        coverage(chosen.trials, chosen.seed)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""The noise model against dense algebra and against its own draws."""
+
+import numpy as np
+import pytest
+
+from dlwpredict.noise import Noise, estimate, matern, scatter
+
+MODEL = Noise(white_um=0.005, correlated_um=0.02, length_um=1.5, dx_um=0.4, dy_um=0.5)
+
+
+@pytest.fixture(scope="module")
+def used() -> np.ndarray:
+    return np.random.default_rng(2).random((24, 30)) > 0.15
+
+
+@pytest.fixture(scope="module")
+def dense(used) -> np.ndarray:
+    row, col = np.nonzero(used)
+    distance = np.hypot(np.subtract.outer(row, row) * MODEL.dy_um, np.subtract.outer(col, col) * MODEL.dx_um)
+    return MODEL.correlated_um**2 * matern(distance, MODEL.length_um) + MODEL.white_um**2 * np.eye(len(row))
+
+
+class TestAlgebra:
+    def test_times_is_the_dense_product(self, used, dense):
+        v = np.random.default_rng(0).normal(size=used.sum())
+        np.testing.assert_allclose(MODEL.times(scatter(v, used))[used], dense @ v, rtol=1e-10, atol=1e-14)
+
+    def test_solve_is_the_dense_inverse_on_the_pixels_that_count(self, used, dense):
+        v = np.random.default_rng(1).normal(size=(2, used.sum()))
+        np.testing.assert_allclose(MODEL.solve(v, used, tolerance=1e-10), np.linalg.solve(dense, v.T).T, rtol=1e-5)
+
+    def test_gaps_are_filled_by_the_conditional_mean(self, used, dense):
+        v = np.random.default_rng(3).normal(size=used.sum())
+        row, col = np.nonzero(used)
+        gap = np.argwhere(~used)[5]
+        distance = np.hypot((row - gap[0]) * MODEL.dy_um, (col - gap[1]) * MODEL.dx_um)
+        expected = MODEL.correlated_um**2 * matern(distance, MODEL.length_um) @ np.linalg.solve(dense, v)
+        filled = MODEL.conditional_mean(v, used)
+        assert filled[tuple(gap)] == pytest.approx(expected, rel=1e-4)
+        np.testing.assert_array_equal(filled[used], v)
+
+    def test_effective_points_are_those_of_the_mean(self, used, dense):
+        n = used.sum()
+        assert MODEL.effective_points(used) == pytest.approx(n**2 * MODEL.sigma_um**2 / dense.sum())
+
+    def test_white_noise_counts_every_pixel(self, used):
+        assert Noise(0.01, 0.0, 1.0, 0.4, 0.4).effective_points(used) == pytest.approx(used.sum())
+
+
+class TestEstimate:
+    @pytest.mark.parametrize(("white", "correlated", "length"), [(0.003, 0.02, 1.0), (0.01, 0.02, 2.0)])
+    def test_gappy_maps_give_the_model_back(self, white, correlated, length):
+        rng = np.random.default_rng(0)
+        truth = Noise(white, correlated, length, 0.4, 0.4)
+        used = np.ones((100, 100), dtype=bool)
+        used[40:50], used[:, 70:74] = False, False
+        used &= rng.random(used.shape) > 0.05
+        found = [estimate([truth.simulate(used.shape, rng)], used, 0.4, 0.4) for _ in range(6)]
+        assert np.mean([f.white_um for f in found]) == pytest.approx(white, rel=0.1)
+        assert np.mean([f.correlated_um for f in found]) == pytest.approx(correlated, rel=0.1)
+        assert np.mean([f.length_um for f in found]) == pytest.approx(length, rel=0.12)
+
+    def test_smoothed_noise_keeps_its_weight_at_long_waves(self):
+        truth = Noise(0.001, 0.02, 1.4, 0.5, 0.5, smoothness=np.inf)
+        used = np.ones((90, 90), dtype=bool)
+        found = estimate([truth.simulate(used.shape, np.random.default_rng(9))], used, 0.5, 0.5)
+        assert found.effective_points(used) == pytest.approx(truth.effective_points(used), rel=0.25)
+
+    def test_white_noise_is_not_taken_for_correlated(self):
+        rng = np.random.default_rng(4)
+        found = estimate([0.02 * rng.normal(size=(80, 80))], np.ones((80, 80), dtype=bool), 0.5, 0.5)
+        assert found.white_um == pytest.approx(0.02, rel=0.03)
+        assert found.effective_points(np.ones((80, 80), dtype=bool)) > 0.5 * 6400
+
+    def test_spikes_do_not_pass_for_noise(self):
+        rng = np.random.default_rng(5)
+        values = MODEL.simulate((90, 90), rng)
+        values[rng.random(values.shape) < 0.005] += 3.0
+        found = estimate([values], np.ones(values.shape, dtype=bool), MODEL.dx_um, MODEL.dy_um)
+        assert found.correlated_um == pytest.approx(MODEL.correlated_um, rel=0.2)
+
+    def test_unmeasured_pixels_are_not_looked_at(self):
+        values = MODEL.simulate((60, 60), np.random.default_rng(6))
+        used = np.ones(values.shape, dtype=bool)
+        used[20:30, 10:50] = False
+        gap = np.where(used, values, np.nan)
+        assert estimate([gap], used, 0.4, 0.5) == estimate([values], used, 0.4, 0.5)
+
+
+def test_draws_have_the_models_covariance():
+    rng = np.random.default_rng(7)
+    draws = np.array([MODEL.simulate((12, 12), rng) for _ in range(4000)])
+    assert draws.std() == pytest.approx(MODEL.sigma_um, rel=0.03)
+    beside = np.mean(draws[:, 5, 5] * draws[:, 5, 8])
+    assert beside == pytest.approx(MODEL.correlated_um**2 * matern(np.array(1.2), 1.5), rel=0.12)
