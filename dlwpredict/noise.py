@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
-from scipy.optimize import minimize
 from scipy.signal.windows import tukey
 from scipy.sparse.linalg import LinearOperator, cg
 
@@ -31,6 +30,9 @@ LARGEST_PX = 256
 
 TAPER = 0.2
 """Share of each side over which a tile fades out before its spectrum is taken."""
+
+MOST_STEPS, ENOUGH = 40, 1e-2
+"""Scoring ends after so many steps, or where −2 ln L falls by less than this."""
 
 OUTLIER = 5.0
 """Residuals are clipped at this many robust standard deviations, so that spikes do not pass for noise."""
@@ -77,8 +79,9 @@ class Noise:
     def covariance(self, shape: tuple[int, int]) -> np.ndarray:
         """Return the covariance with pixel (0, 0) on a periodic grid, µm², shape ``shape``."""
         rows, cols = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
-        distance = np.hypot(rows[:, None] * self.dy_um, cols * self.dx_um)
-        value = self.correlated_um**2 * matern(distance, self.length_um, self.smoothness)
+        quarter = np.hypot(np.arange(rows.max() + 1)[:, None] * self.dy_um, np.arange(cols.max() + 1) * self.dx_um)
+        correlation = matern(quarter, self.length_um, self.smoothness)
+        value = self.correlated_um**2 * correlation[np.ix_(rows, cols)]
         value[0, 0] += self.white_um**2
         return value
 
@@ -194,35 +197,76 @@ def estimate(
     side = min(n * p for n, p in zip(used.shape, (dy_um, dx_um), strict=True))
     spread = float(np.std(np.clip(bulk, -cut, cut)))
     lengths = 0.7 * min(dx_um, dy_um), max(side / 4, 2 * max(dx_um, dy_um))
-    fits = [
-        _fit(tiles, Noise(FLOOR * spread, spread, lengths[0], dx_um, dy_um, nu, noise_from), lengths)
-        for nu in (SMOOTHNESSES if smoothness is None else (smoothness,))
-    ]
-    return min(fits, key=lambda fit: fit[1])[0]
+    kinds = SMOOTHNESSES if smoothness is None else (smoothness,)
+    least = [Noise(FLOOR * spread, spread, lengths[0], dx_um, dy_um, nu, noise_from) for nu in kinds]
+    starts = [np.log([0.2 * spread, 0.9 * spread, length]) for length in np.geomspace(*lengths, 5)]
+    found = [_fit(tiles, noise, lengths, starts) for noise in least]
+    return min(found, key=lambda fit: fit[1])[0]
 
 
-def _fit(tiles: Sequence[_Tile], least: Noise, lengths: tuple[float, float]) -> tuple[Noise, float]:
-    """Return the most likely noise of one smoothness, and its misfit."""
-    spread = least.correlated_um
-    low = np.log([least.white_um, 1e-3 * spread, lengths[0]])
-    high = np.log([3 * spread, 3 * spread, lengths[1]])
+def _fit(
+    tiles: Sequence[_Tile], least: Noise, lengths: tuple[float, float], starts: Sequence[np.ndarray]
+) -> tuple[Noise, float]:
+    """Return the most likely noise of one smoothness, and its misfit, by damped Fisher scoring on the logarithms."""
+    low = np.log([least.white_um, 1e-3 * least.correlated_um, lengths[0]])
+    high = np.log([3 * least.correlated_um, 3 * least.correlated_um, lengths[1]])
 
     def model(logs: np.ndarray) -> Noise:
-        white, correlated, length = np.exp(np.clip(logs, low, high))
+        white, correlated, length = np.exp(logs)
         return replace(least, white_um=float(white), correlated_um=float(correlated), length_um=float(length))
 
     def misfit(logs: np.ndarray) -> float:
         return sum(tile.misfit(model(logs)) for tile in tiles)
 
-    starts = [np.log([0.2 * spread, 0.9 * spread, length]) for length in np.geomspace(*lengths, 5)]
-    found = minimize(
-        misfit,
-        min(starts, key=misfit),
-        method="Nelder-Mead",
-        bounds=list(zip(low, high, strict=True)),
-        options={"xatol": 5e-3, "fatol": 2e-2, "maxfev": 200},
-    )
-    return model(found.x), float(found.fun)
+    logs = min((np.clip(start, low, high) for start in starts), key=misfit)
+    lowest, damping = misfit(logs), 1e-3
+    information, score = _scoring(tiles, model(logs))
+    for _ in range(MOST_STEPS):
+        step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1e-6), score[0])
+        trial = np.clip(logs + np.clip(step, -1, 1), low, high)
+        cost = misfit(trial)
+        if cost > lowest:
+            damping = max(10 * damping, 1e-2)
+            continue
+        gained, logs, lowest, damping = lowest - cost, trial, cost, damping / 10
+        if gained < ENOUGH:
+            break
+        information, score = _scoring(tiles, model(logs))
+    return model(logs), lowest
+
+
+def _scoring(tiles: Sequence[_Tile], noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+    """Return Fisher's information (3, 3) about the logarithms, and the score of every map (maps, 3)."""
+    information, score = np.zeros((3, 3)), 0.0
+    for tile in tiles:
+        power = tile.expected(noise)
+        slopes = np.stack([(tile.expected(nearby) / power - 1) / 0.02 for nearby in scaled_each(noise, 1.02)])
+        information += np.einsum("irc,jrc->ij", slopes, slopes)
+        score = score + np.einsum("irc,krc->ki", slopes, tile.spectra / power - 1)
+    return information, score
+
+
+def estimation_errors(noise: Noise, maps: Sequence[np.ndarray], used: np.ndarray) -> np.ndarray:
+    """Return how estimates from these maps would differ from the model they were drawn from, to first order.
+
+    One step of Fisher scoring from the model, so that many draws cost one spectrum each and no search. Directions that
+    the spectrum does not know are held by a prior of one e-fold.
+
+    Returns
+    -------
+    numpy.ndarray, shape (maps, 3)
+        Differences in the logarithms of (white, correlated, length), at most one e-fold.
+    """
+    tiles = [_Tile.of([np.where(used, values, 0.0)[at] for values in maps], used[at], keep=True) for at in _tiles(used)]
+    information, score = _scoring(tiles, noise)
+    return np.clip(np.linalg.solve(information + np.eye(3), score.T).T, -1, 1)
+
+
+def scaled_each(noise: Noise, factor: float) -> list[Noise]:
+    """Return the noise with white, correlated and length multiplied by a factor, one at a time."""
+    return [
+        replace(noise, **{name: getattr(noise, name) * factor}) for name in ("white_um", "correlated_um", "length_um")
+    ]
 
 
 def _tiles(used: np.ndarray) -> list[tuple[slice, slice]]:
@@ -235,24 +279,29 @@ def _tiles(used: np.ndarray) -> list[tuple[slice, slice]]:
 
 @dataclass(frozen=True, eq=False)
 class _Tile:
-    """One tile: mean periodogram of the tapered maps, and the autocorrelation of the taper."""
+    """One tile: spectra of the tapered maps (one half-plane; maps are real), and the autocorrelation of the taper."""
 
-    periodogram: np.ndarray
+    spectra: np.ndarray
     taper_correlation: np.ndarray
     maps: int
 
     @classmethod
-    def of(cls, maps: list[np.ndarray], used: np.ndarray) -> _Tile:
+    def of(cls, maps: list[np.ndarray], used: np.ndarray, *, keep: bool = False) -> _Tile:
+        """Return the tile with the spectrum of each map, or only their mean."""
         taper = np.outer(*(tukey(n + 2, TAPER)[1:-1] for n in used.shape)) * used
         wide = tuple(2 * n for n in used.shape)
         correlation = fft.irfft2(np.abs(fft.rfft2(taper, wide)) ** 2, wide)
-        spectra = [np.abs(fft.fft2(values * taper)) ** 2 for values in maps]
-        return cls(np.mean(spectra, axis=0), correlation, len(maps))
+        spectra = np.stack([np.abs(fft.rfft2(values * taper)) ** 2 for values in maps])
+        return cls(spectra if keep else spectra.mean(axis=0, keepdims=True), correlation, len(maps))
+
+    def expected(self, noise: Noise) -> np.ndarray:
+        """Return the spectrum that the model expects of a tapered map."""
+        rows, cols = (n // 2 for n in self.taper_correlation.shape)
+        product = noise.covariance(self.taper_correlation.shape) * self.taper_correlation
+        folded = product.reshape(2, rows, 2, cols).sum(axis=(0, 2))  # lags l and l − n share a frequency grid
+        return np.maximum(fft.rfft2(folded).real, 1e-30)
 
     def misfit(self, noise: Noise) -> float:
         """Return −2 ln of the Whittle likelihood up to a constant."""
-        rows, cols = self.periodogram.shape
-        expected = noise.covariance(self.taper_correlation.shape) * self.taper_correlation
-        folded = expected.reshape(2, rows, 2, cols).sum(axis=(0, 2))  # lags l and l − n share a frequency grid
-        power = np.maximum(fft.fft2(folded).real, 1e-30)
-        return self.maps * float(np.sum(np.log(power) + self.periodogram / power))
+        power = self.expected(noise)
+        return self.maps * float(np.sum(np.log(power) + self.spectra[0] / power))

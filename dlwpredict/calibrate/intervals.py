@@ -15,9 +15,9 @@ from scipy import stats
 from dlwpredict.calibrate.problem import Point, project
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.flat import Free
-from dlwpredict.noise import Noise, estimate
+from dlwpredict.noise import Noise, estimate, estimation_errors, scaled_each
 
-DRAWS = 12
+DRAWS = 40
 """Noise maps that are drawn, fitted and analysed anew, per recording, to learn how well the noise itself is known."""
 
 OPEN_SHARE = 0.1
@@ -75,17 +75,48 @@ def inform(
     """Return what the data know, and the noise models corrected for what the fit absorbed.
 
     A fit takes some of the noise, most at long wavelengths, and the noise left is known to some per cent only. Both
-    are found by drawing noise from the model, fitting it (linearly), and estimating it again: the mean ratio corrects
-    the model, and the scatter of the resulting standard errors gives their degrees of freedom (Satterthwaite).
+    are found by drawing noise from the model, fitting it (linearly), and estimating it again: the mean corrects the
+    model, and the scatter of the resulting variances gives their degrees of freedom (Satterthwaite: 2/var ln V).
     """
-    drawn = [_drawn_again(recordings, point, jacobian, noises, np.random.default_rng([seed, k])) for k in range(DRAWS)]
-    corrected = [_corrected(noise, [d[k] for d in drawn]) for k, noise in enumerate(noises)]
-    spread = [[_rescaled(noise, d[k], noises[k]) for k, noise in enumerate(corrected)] for d in drawn]
-    variances = np.array([np.diag(sandwich(recordings, free, point, jacobian, s)) for s in spread])
-    freedom = 2 / np.maximum(np.var(np.log(variances), axis=0, ddof=1), 1e-3)
+    errors = _noise_errors(recordings, point, jacobian, noises, np.random.default_rng(seed))
+    corrected = [_given_back(noise, e.mean(axis=0)) for noise, e in zip(noises, errors, strict=True)]
     covariance = sandwich(recordings, free, point, jacobian, corrected)
-    inflation = np.sqrt(np.maximum(variances.mean(axis=0) / np.diag(covariance), 1))
-    return Information(covariance * np.outer(inflation, inflation), np.maximum(freedom, 2)), corrected
+    scatter = np.zeros(len(free.names))
+    for k, error in enumerate(errors):
+        slopes = []
+        for nearby in scaled_each(corrected[k], 1.05):
+            changed = sandwich(recordings, free, point, jacobian, [*corrected[:k], nearby, *corrected[k + 1 :]])
+            slopes.append(np.log(np.diag(changed) / np.diag(covariance)) / np.log(1.05))
+        scatter += np.var((error - error.mean(axis=0)) @ np.array(slopes), axis=0)
+    return Information(covariance, np.clip(2 / np.maximum(scatter, 1e-3), 3, None)), corrected
+
+
+def _noise_errors(
+    recordings: Sequence[Recording],
+    point: Point,
+    jacobian: Sequence[np.ndarray],
+    noises: Sequence[Noise],
+    rng: np.random.Generator,
+) -> list[np.ndarray]:
+    """Draw noise, take out of it what a fit would, and return how its estimates err, (draws, 3) per recording."""
+    drawn = [
+        project(r.columns, np.stack([noise.simulate(r.used.shape, rng)[r.used] for _ in range(DRAWS)], axis=1), w)
+        for r, noise, w in zip(recordings, noises, point.weights, strict=True)
+    ]
+    roots = [np.sqrt(w)[:, None] for w in point.weights]
+    stacked = np.concatenate([j * root for j, root in zip(jacobian, roots, strict=True)])
+    goals = np.concatenate([d * root for d, root in zip(drawn, roots, strict=True)])
+    steps = np.linalg.lstsq(stacked, goals, rcond=1e-10)[0]
+    return [
+        estimation_errors(noise, r.on_map((d - j @ steps).T), r.used)
+        for r, noise, d, j in zip(recordings, noises, drawn, jacobian, strict=True)
+    ]
+
+
+def _given_back(noise: Noise, error: np.ndarray) -> Noise:
+    """Return the noise with what the fit absorbed given back; it never gets smaller."""
+    back = np.exp(np.maximum(-error, 0))
+    return replace(noise, correlated_um=noise.correlated_um * back[1], length_um=noise.length_um * back[2])
 
 
 def sandwich(
@@ -146,50 +177,3 @@ def open_directions(free: Free, information: Information) -> list[dict[str, floa
         part = np.abs(vector) > 0.15 * np.abs(vector).max()
         found.append({free.names[k]: float(sign * vector[k] * reach * width[k]) for k in np.flatnonzero(part)})
     return found
-
-
-def _drawn_again(
-    recordings: Sequence[Recording],
-    point: Point,
-    jacobian: Sequence[np.ndarray],
-    noises: Sequence[Noise],
-    rng: np.random.Generator,
-) -> list[Noise]:
-    """Draw noise, take out of it what a fit would, and estimate it again."""
-    drawn = [
-        project(r.columns, noise.simulate(r.used.shape, rng)[r.used][:, None], w)[:, 0]
-        for r, noise, w in zip(recordings, noises, point.weights, strict=True)
-    ]
-    roots = [np.sqrt(w) for w in point.weights]
-    stacked = np.concatenate([j * root[:, None] for j, root in zip(jacobian, roots, strict=True)])
-    goal = np.concatenate([d * root for d, root in zip(drawn, roots, strict=True)])
-    step = np.linalg.lstsq(stacked, goal, rcond=1e-10)[0]
-    return [
-        estimate([r.on_map(d - j @ step)], r.used, r.target.dx_um, r.target.dy_um, smoothness=noise.smoothness)
-        for r, d, j, noise in zip(recordings, drawn, jacobian, noises, strict=True)
-    ]
-
-
-def _corrected(noise: Noise, drawn: Sequence[Noise]) -> Noise:
-    """Return the noise with what the fit absorbed given back: scaled by model / mean of the estimates drawn from it."""
-
-    def ratio(name: str) -> float:
-        wanted = getattr(noise, name)
-        return wanted / max(float(np.mean([getattr(d, name) for d in drawn])), 0.5 * wanted)
-
-    return replace(
-        noise,
-        correlated_um=noise.correlated_um * max(ratio("correlated_um"), 1.0),
-        length_um=noise.length_um * max(ratio("length_um"), 1.0),
-    )
-
-
-def _rescaled(noise: Noise, drawn: Noise, model: Noise) -> Noise:
-    """Return the noise as it would have been estimated, had its estimate erred as the drawn one did."""
-    ratio = [getattr(drawn, n) / getattr(model, n) for n in ("white_um", "correlated_um", "length_um")]
-    return replace(
-        noise,
-        white_um=noise.white_um * ratio[0],
-        correlated_um=noise.correlated_um * ratio[1],
-        length_um=noise.length_um * ratio[2],
-    )
