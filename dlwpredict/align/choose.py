@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,9 @@ from dlwpredict.errors import ResultError
 
 ODDS = float(np.log(20.0))  # a match, and one pose against another, is taken at 20 : 1, i.e. at 95 %
 PEAKS = 6
-TURN_DEG = sorted({360.0 * k / n for n in (2, 3, 4, 5, 6, 8) for k in range(n)})
+TURNS_DEG = sorted({360.0 * k / n for n in (2, 3, 4, 5, 6, 8) for k in range(n)})
 TURNS = 8
+ODD_TURNS_DEG = (360 / 7, 360 / 11, 360 / 13)  # no regular figure but the round one stands all of them
 CANDIDATE_POINTS = 96
 SAME = 1e-3  # share of the target's variance that two equivalent poses may differ by: sampling alone
 
@@ -43,12 +44,15 @@ class Choice:
         Evidence of the pose over the best one that is not its symmetric equivalent (nats).
     equivalents : list of Pose
         Poses that the target's own symmetry makes equal, the chosen one included.
+    is_round : bool
+        Any turn leaves the target as it is.
     """
 
     peak: Peak
     log_odds: float
     lead: float
     equivalents: list[Pose]
+    is_round: bool
 
 
 def choose(recording: Surface, target: Surface) -> Choice:
@@ -90,20 +94,23 @@ def choose(recording: Surface, target: Surface) -> Choice:
         )
     rivals = [p for p in peaks if p not in ties]
     lead = best.evidence - (rivals[0].evidence if rivals else 0.0)
-    turned = [replace(best, pose=pose) for pose in _turned(best.pose) if _equivalent(target, best.pose, pose)]
+    turned = [
+        replace(best, pose=pose) for pose in _turned(best.pose, TURNS_DEG) if _equivalent(target, best.pose, pose)
+    ]
     equal = distinct([*ties, *turned], found.pitch_um, 2.0)
     chosen = min(equal, key=lambda p: (p.pose.mirrored, round(abs(p.pose.rotation_deg)), np.hypot(*p.pose.shift_um)))
-    return Choice(chosen, log_odds, lead, [p.pose for p in equal])
+    is_round = all(_equivalent(target, best.pose, pose) for pose in _turned(best.pose, ODD_TURNS_DEG)[:3])
+    return Choice(chosen, log_odds, lead, [p.pose for p in equal], is_round)
 
 
-def _turned(pose: Pose) -> list[Pose]:
+def _turned(pose: Pose, turns_deg: Sequence[float]) -> list[Pose]:
     """Poses that a target symmetric about its centre would make equal: turned by n-ths of a circle, and mirrored."""
     x, y = pose.shift_um
     hands = [pose, replace(Pose.rigid((-x, y), -pose.rotation_deg, mirrored=not pose.mirrored), reach_um=pose.reach_um)]
     return [
         Pose.rigid(hand.shift_um, hand.rotation_deg + turn, reach_um=pose.reach_um, mirrored=hand.mirrored)
         for hand in hands
-        for turn in TURN_DEG
+        for turn in turns_deg
     ]
 
 

@@ -30,18 +30,18 @@ class Registration:
     rotation_known: bool
 
 
-def register(levels: list[Level], pose: Pose, wanted: str, pixel_um: float) -> Registration:
+def register(levels: list[Level], pose: Pose, wanted: str, pixel_um: float, *, is_round: bool) -> Registration:
     """Refine a pose from coarse to fine and settle the distortion.
 
     ``wanted`` is rigid, affine or bow, or auto: bow where its six terms differ from zero, else affine where scale
-    and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the block-sandwich covariance,
+    and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the block-jackknife covariance,
     T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks, p < 0.001; and the rim moves by more than a
     tenth of a target pixel.
     """
     for level in levels:
         fit = refine(level, pose, "rigid")
         pose = fit.pose
-    known = rotation_sd(fit, "rigid") < UNDETERMINED_DEG
+    known = not is_round and rotation_sd(fit, "rigid") < UNDETERMINED_DEG
     if not known:
         fit = refine(
             levels[-1], Pose.rigid(pose.shift_um, 0.0, reach_um=pose.reach_um, mirrored=pose.mirrored), "shift"
@@ -71,7 +71,7 @@ def rotation_sd(fit: Fit, model: str) -> float:
 
 def _test(fit: Fit, model: str, pixel_um: float) -> dict[str, float | bool]:
     """Hotelling's test of the figures that a model adds."""
-    covariance, blocks = pose_covariance(fit, model)
+    covariance, blocks = pose_covariance(fit, model, tiles_only=True)
     places, without = _ADDED[model]
     added = fit.pose.figures()[places] - without
     spread = figure_covariance(fit.pose, covariance)[places, places]

@@ -91,7 +91,8 @@ def align(
     if mirrored:
         recording = recording.with_heights(recording.heights_um[:, ::-1])
         measured, suspects, surface = measured[:, ::-1], suspects[:, ::-1], surface.mirrored()
-    found = register(_levels(surface, scene.surface), choice.peak.pose, distortion, max(target.dx_um, target.dy_um))
+    pose, pixel_um = choice.peak.pose, max(target.dx_um, target.dy_um)
+    found = register(_levels(surface, scene.surface), pose, distortion, pixel_um, is_round=choice.is_round)
     spikes = confirmed_spikes(recording, suspects, found.fit)
     if not np.array_equal(spikes, suspects):
         surface = prepared(recording, measured & ~spikes)

@@ -68,8 +68,15 @@ def widest_covariance(
     return covariance * np.outer(wider, wider), count
 
 
-def pose_covariance(fit: Fit, distortion: str) -> tuple[np.ndarray, float]:
+def pose_covariance(fit: Fit, distortion: str, *, tiles_only: bool = False) -> tuple[np.ndarray, float]:
     """Covariance of the parameters of `Pose.moved`; no direction is worse than the target's own size.
+
+    Parameters
+    ----------
+    fit : Fit
+    distortion : str
+    tiles_only : bool
+        Blocks as tiles only: for a joint test of several figures, which widening each by its own factor would blunt.
 
     Returns
     -------
@@ -79,7 +86,8 @@ def pose_covariance(fit: Fit, distortion: str) -> tuple[np.ndarray, float]:
     reach = float(np.max(fit.pose.reach_um))
     scale = parameter_scale(distortion, fit.pose.reach_um)
     jacobian = fit.jacobian * scale
-    covariance, count = widest_covariance(jacobian, fit.weights, fit.residual, layouts(fit.level.grid[0].shape))
+    blocks = layouts(fit.level.grid[0].shape)[: 1 if tiles_only else None]
+    covariance, count = widest_covariance(jacobian, fit.weights, fit.residual, blocks)
     values, vectors = np.linalg.eigh(covariance)
     normal = jacobian.T @ (jacobian * fit.weights[:, None])
     blind = np.einsum("ik,ij,jk->k", vectors, normal, vectors) < 1e-7 * np.linalg.eigvalsh(normal)[-1]
