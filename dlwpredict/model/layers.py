@@ -38,6 +38,13 @@ class Layers:
         """Return the layers over a part of the plane."""
         return Layers(self.step_um, self.weights[:, *part])
 
+    def every(self, step_um: float) -> Layers:
+        """Return the weights at other heights, linear in between."""
+        place = np.arange(int(self.step_um * (len(self.weights) - 1) / step_um) + 1) * step_um / self.step_um
+        below = np.minimum(place.astype(int), len(self.weights) - 2)
+        share = (place - below).astype(np.float32)[:, None, None]
+        return Layers(step_um, (1 - share) * self.weights[below] + share * self.weights[below + 1])
+
     def padded(self, room: list[tuple[int, int]]) -> Layers:
         """Return the layers on a wider plane, with weight 0 on the room added."""
         return Layers(self.step_um, np.pad(self.weights, [(0, 0), *room]))

@@ -22,11 +22,9 @@ from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_
 LEVEL_STEP_SIGMAS = 0.6
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
 
-LAYERS_PER_LEVEL = 2
-"""Layers of local dose per exposure level: line ends move from layer to layer on slopes, and leave 1 % at one."""
-
-LAYER_SIGMAS = 0.3
-"""Layers of local conversion are this thick in axial standard deviations of cross-linking."""
+DOSE_LAYER_UM, CONVERSION_LAYER_UM = 0.2, 0.5
+"""Layers of local dose and of local conversion. Their thickness must not depend on any parameter: where the outline of a
+layer is hard, moving layers would make the prediction jump by nanometres under a fit."""
 
 ABOVE_SIGMAS = 2.5
 """Levels end this many axial standard deviations above the part where the local dose can lift its surface."""
@@ -114,8 +112,10 @@ def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers
     top = float(dose.written.heights_um.max())
     room = ABOVE_SIGMAS * max(part.sigma_z_um(top) for part in dose.focus) + 3 * step
     return (
-        Layers.of(dose.relative_dose, top, step / LAYERS_PER_LEVEL, threads) if dose.intensity else None,
-        Layers.of(dose.relative_threshold, top + room, step, threads) if dose.threshold_factor else None,
+        Layers.of(dose.relative_dose, top, DOSE_LAYER_UM, threads) if dose.intensity else None,
+        Layers.of(dose.relative_threshold, top + room, DOSE_LAYER_UM, threads).every(step)
+        if dose.threshold_factor
+        else None,
     )
 
 
@@ -240,7 +240,7 @@ def _source(
     sigma = crosslinked.fwhm_z_um / FWHM_PER_SIGMA
     if not crosslinked.converts:
         return lambda z: block_mean(ndtr(z / sigma) - ndtr((z - heights) / sigma), factors)
-    layers = Layers.of(crosslinked.source_weight, float(heights.max()), LAYER_SIGMAS * sigma, threads).padded(padding)
+    layers = Layers.of(crosslinked.source_weight, float(heights.max()), CONVERSION_LAYER_UM, threads).padded(padding)
     columns = Columns(layers, heights, from_glass=False, reduce=lambda plane: block_mean(plane, factors))
     return lambda z: columns.convolved(z, sigma)
 
