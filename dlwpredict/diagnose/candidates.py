@@ -25,7 +25,7 @@ NUISANCE_EFFECTS = ("misregistration",)
 SHAPES = (0.5, 1.0, 2.0)
 """Lengths are tried at these multiples of their default, inside the declared range."""
 
-SMALL = 0.15
+SMALL = 0.5
 """Signatures are derivatives, taken by a step of this share of the typical size."""
 
 

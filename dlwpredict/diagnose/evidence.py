@@ -26,10 +26,13 @@ ROTATION_PRIOR = np.deg2rad(0.1)
 DISCRETISATION_PRIOR = 1.0
 """The change of the prediction on pixels of half the size is in the recording to about this multiple."""
 
+SHIFT_PRIOR = 0.1
+"""Standard deviation of the shift that an alignment leaves, µm; what a print does to its own edges included."""
+
 FREE = np.inf
 
 NUISANCES = {
-    "offset": FREE, "tilt_x": FREE, "tilt_y": FREE, "shift_x": FREE, "shift_y": FREE, "rotation": ROTATION_PRIOR,
+    "offset": FREE, "tilt_x": FREE, "tilt_y": FREE, "shift_x": SHIFT_PRIOR, "shift_y": SHIFT_PRIOR, "rotation": ROTATION_PRIOR,
     "scale_x": SCALE_PRIOR, "scale_y": SCALE_PRIOR, "shear": SCALE_PRIOR, "pixels": DISCRETISATION_PRIOR,
 }  # fmt: skip
 """Nuisances of a recording and the standard deviations of their priors."""

@@ -178,7 +178,7 @@ def _model(place: np.ndarray, pitch_um: tuple[float, float], source: str = "resi
     """Return the model of (logit of the correlated share of the variance, log length, log scale)."""
     share, scale = special.expit(place[0]), np.exp(place[2])
     white, correlated = float(scale * np.sqrt(1 - share)), float(scale * np.sqrt(share))
-    return Noise(white, correlated, float(np.exp(place[1])), *pitch_um, source)
+    return Noise(white, correlated, float(np.exp(place[1])), *pitch_um, noise_from=source)
 
 
 def _floored(noise: Noise) -> Noise:
