@@ -97,6 +97,11 @@ class TestRecordings:
         assert near_walls(wall)[32, 22:26].all()  # between the first and the second plateau
         assert not near_walls(slope)[5:-5, 5:-5].any()
 
+    def test_border_of_a_part_that_fills_the_map_is_a_wall(self):
+        full = HeightMap(np.full((20, 30), 2.0), 0.5, 0.5)
+        assert not near_walls(full)[3:-3, 3:-3].any()
+        assert near_walls(full)[[0, 2, -1], 5:-5].all() and near_walls(full)[5:-5, [0, 2, -1]].all()
+
     def test_filled_and_missing_points_do_not_count(self, air, printed):
         heights = printed.heights_um.copy()
         heights[20:24, 20:24] = np.nan
@@ -214,9 +219,10 @@ class TestRecovery:
         assert found.point.rmse_um < found.holdout.rmse_um < 1.2 * found.point.rmse_um
 
     def test_noise_is_found(self, found):
-        for noise in found.noises:
+        for noise, recording in zip(found.noises, found.problem.recordings, strict=True):
+            points = Noise(0.003, 0.02, 1.0, 0.5, 0.5).effective_points(recording.used)
             assert noise.sigma_um == pytest.approx(0.0202, rel=0.15)
-            assert noise.length_um == pytest.approx(1.0, rel=0.3)
+            assert noise.effective_points(recording.used) == pytest.approx(points, rel=0.5)
 
     def test_intervals_hold_the_truth(self, found):
         values = np.array([value_of(TRUTH, name) for name in found.free.names])

@@ -52,7 +52,8 @@ def hold_out(
 ) -> Holdout:
     """Leave out a quarter of the blocks at a time, refit, and predict them.
 
-    The refit is linear about the solution (with its bounds), so it costs no prediction.
+    The refit is linear about the solution (with its bounds), so it costs no prediction; offset, tilt and shift of a
+    recording stay those of the whole.
     """
     parameters = free.parameters(point.vector).paper
     reach = max(noise.length_um for noise in noises)
@@ -65,9 +66,9 @@ def hold_out(
         step = _refit(
             recordings, free, point, jacobian, [~_grown(o, r, buffer_um) for o, r in zip(out, recordings, strict=True)]
         )
-        for r, o, residual, j, w in zip(recordings, out, point.residuals, jacobian, point.weights, strict=True):
+        for r, o, residual, j in zip(recordings, out, point.residuals, jacobian, strict=True):
             seen = o[r.used]
-            squares += float(np.sum(w[seen] * (residual - j @ step)[seen] ** 2))
+            squares += float(np.sum((residual - j @ step)[seen] ** 2))
             points += int(seen.sum())
     return Holdout(float(np.sqrt(squares / max(points, 1))), FOLDS, tuple(side for _, side in blocks), float(buffer_um))
 

@@ -128,7 +128,7 @@ def near_walls(target: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
     >>> near_walls(step, 2)[6].astype(int).tolist()
     [0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0]
     """
-    heights = np.pad(target.heights_um, 1)
+    heights = np.pad(target.heights_um, 3)
     walls = np.zeros(heights.shape, dtype=bool)
     for axis, pitch in ((0, target.dy_um), (1, target.dx_um)):
         jump = np.diff(heights, axis=axis)
@@ -140,7 +140,7 @@ def near_walls(target: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
         walls[after] |= found
     if wall_px > 1:
         walls = ndimage.binary_dilation(walls, iterations=wall_px - 1)
-    return walls[1:-1, 1:-1] & (wall_px > 0)
+    return walls[3:-3, 3:-3] & (wall_px > 0)
 
 
 def with_nuisances(recording: Recording, predicted_um: np.ndarray | None) -> Recording:
