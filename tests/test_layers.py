@@ -1,0 +1,89 @@
+"""Imports point downwards, and every command is documented."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import dlwpredict
+from dlwpredict.cli.app import app
+
+ROOT = Path(dlwpredict.__file__).parent
+
+LAYERS = [
+    {"errors"},
+    {"heightmap"},
+    {"parameters"},
+    {"smoothing", "missing", "rasterise", "mesh", "noise", "score"},
+    {"model", "designs", "whitening"},
+    {"effects"},
+    {"process", "flat"},
+    {"align", "calibrate", "precompensate"},
+    {"diagnose"},
+    {"files"},
+    {"plots"},
+    {"cli"},
+]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+
+EXCEPTIONS = {
+    ("cli.app", ""): "shows the program's version",
+    ("files.provenance", ""): "records the program's version",
+}
+"""(importing module, imported name) that may break the rule, each with its reason."""
+
+
+def modules():
+    return sorted(ROOT.rglob("*.py"))
+
+
+def imports_of(path: Path) -> set[str]:
+    """Return the parts of the package that a file imports: `model`, `errors`, ... and "" for the package itself."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = (
+                [f"{node.module}.{alias.name}" for alias in node.names]
+                if node.module == "dlwpredict"
+                else [node.module]
+            )
+            assert node.level == 0, f"{path}: relative import"
+        found |= {(name + ".").split(".")[1] for name in names if name and name.split(".")[0] == "dlwpredict"}
+    return found
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_point_downwards(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    own = parts[0]
+    if own == "__init__":
+        assert not imports_of(path)
+        return
+    for other in imports_of(path) - {own}:
+        if (".".join(parts), other) not in EXCEPTIONS:
+            assert LEVEL[other] < LEVEL[own], f"{'.'.join(parts)} imports {other}, which stands no lower"
+
+
+def test_every_part_has_a_layer():
+    parts = {path.relative_to(ROOT).with_suffix("").parts[0] for path in modules()} - {"__init__"}
+    assert parts == set(LEVEL)
+
+
+def test_readme_names_every_command():
+    readme = (ROOT.parent / "README.md").read_text(encoding="utf-8")
+    commands = [command.name for command in app.registered_commands] + [group.name for group in app.registered_groups]
+    assert commands
+    assert [name for name in commands if f"`{name}" not in readme] == []
+
+
+def test_nothing_heavy_is_imported_for_help():
+    """Matplotlib and trimesh cost seconds; `--help` must not pay for them."""
+    code = "import sys, dlwpredict.cli; print([m for m in ('matplotlib', 'trimesh') if m in sys.modules])"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    )

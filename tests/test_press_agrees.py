@@ -1,0 +1,41 @@
+"""The virtual press with its own physics off, and the program: two codes, two numerics, one chain."""
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.model.voxels import Voxels
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+from tests.press import press_from, print_part
+
+PAPERS = [
+    Paper(0.7, 1.5, 0.5, 7.0, 7.0, 0.7, 1.0),
+    Paper(0.8, 2.1, 0.44, 5.0, 6.0, 0.72, 0.95),
+    Paper(0.6, 1.3, 0.56, 4.4, 8.0, 0.65, 0.9),
+]
+
+
+def pressed(target, paper):
+    names = {"exposure_fwhm_xy_um": "focus_fwhm_xy_um", "exposure_fwhm_z_um": "focus_fwhm_z_um"}
+    settings = {names.get(name, name): value for name, value in vars(paper).items()}
+    return print_part(target.heights_um, target.dx_um, target.dy_um, press_from(settings))
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+@pytest.mark.parametrize("kind", ["cin", "air", "posts"])
+def test_press_prints_what_is_predicted(kind, paper):
+    """Smooth places agree to a nanometre or two; beside walls the pixel kernels of two codes may differ by more."""
+    target = getattr(designs, kind)(size_um=32, pitch_um=0.25, margin_um=4)
+    predicted, printed = predict(target, ParameterSet(paper=paper)).heights_um, pressed(target, paper)
+    difference = (printed - predicted)[target.heights_um > 0]
+    assert np.sqrt(np.median(difference**2)) < 0.002
+    assert np.sqrt(np.mean(difference**2)) < 0.006
+
+
+def test_press_prints_what_voxels_predict():
+    target = designs.air(size_um=16, pitch_um=0.25, margin_um=3)
+    voxels = predict(target, ParameterSet(paper=PAPERS[1]), numerics=Voxels(0.02)).heights_um
+    difference = (pressed(target, PAPERS[1]) - voxels)[target.heights_um > 0]
+    rounding = 0.02 / np.sqrt(12)
+    assert np.sqrt(np.mean(difference**2)) < rounding + 0.003
