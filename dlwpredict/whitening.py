@@ -13,56 +13,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
+from dlwpredict.noise import Noise, matern
+
 NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
 """Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones."""
 
 _CHUNK = 4000
 
 
-@dataclass(frozen=True)
-class NoiseModel:
-    """Covariance of the noise at lag d: nugget² [d = 0] + σ² (1 + √3 d/ℓ) exp(−√3 d/ℓ), Matérn with ν = 3/2.
-
-    Parameters
-    ----------
-    nugget_um : float
-        Standard deviation of the part that differs from pixel to pixel, µm.
-    sigma_um : float
-        Standard deviation of the correlated part, µm.
-    length_um : float
-        Length ℓ of the correlated part, µm; the correlation falls to 1/e at about 1.24 ℓ.
-
-    Examples
-    --------
-    >>> model = NoiseModel(0.003, 0.004, 1.0)
-    >>> round(model.total_um, 9)
-    0.005
-    """
-
-    nugget_um: float
-    sigma_um: float
-    length_um: float
-
-    @property
-    def total_um(self) -> float:
-        """Standard deviation of one pixel, µm."""
-        return float(np.hypot(self.nugget_um, self.sigma_um))
-
-    def covariance(self, distance_um: np.ndarray) -> np.ndarray:
-        """Return the covariance at a distance, µm²."""
-        scaled = np.sqrt(3) * np.asarray(distance_um) / self.length_um
-        correlated = self.sigma_um**2 * (1 + scaled) * np.exp(-scaled)
-        return correlated + np.where(np.asarray(distance_um) == 0, self.nugget_um**2, 0.0)
-
-    def simulate(self, rng: np.random.Generator, shape: tuple[int, int], dx_um: float, dy_um: float) -> np.ndarray:
-        """Draw one map of this noise, shape (rows, cols), µm, by circulant embedding on a frame wide against ℓ."""
-        rows, cols = (int(n + np.ceil(8 * self.length_um / p)) for n, p in zip(shape, (dy_um, dx_um), strict=True))
-        y = np.minimum(np.arange(rows), rows - np.arange(rows)) * dy_um
-        x = np.minimum(np.arange(cols), cols - np.arange(cols)) * dx_um
-        spectrum = np.fft.rfft2(self.covariance(np.hypot(y[:, None], x))).real
-        white = np.fft.rfft2(rng.standard_normal((rows, cols)))
-        noise = np.fft.irfft2(white * np.sqrt(np.maximum(spectrum, 0)), (rows, cols))
-        return noise[: shape[0], : shape[1]]
+def covariance(noise: Noise, distance_um: np.ndarray) -> np.ndarray:
+    """Return the noise's covariance at a distance, µm²."""
+    correlated = noise.correlated_um**2 * matern(distance_um, noise.length_um)
+    return correlated + np.where(distance_um == 0, noise.white_um**2, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +63,14 @@ class Neighbourhood:
         object.__setattr__(self, "present", index >= 0)
         object.__setattr__(self, "lags_um", offsets * np.array([self.dy_um, self.dx_um]))
 
-    def rows(self, noise: NoiseModel, points: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def rows(self, noise: Noise, points: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return coefficients b (points, neighbours) and variances v (points,) of the given points, or of all."""
         present = self.present if points is None else self.present[points]
         patterns, place = np.unique(np.packbits(present, axis=1), axis=0, return_inverse=True)
         patterns = np.unpackbits(patterns, axis=1, count=present.shape[1]).astype(float)
         lags = np.linalg.norm(self.lags_um[:, None] - self.lags_um, axis=-1)
-        between, towards = noise.covariance(lags), noise.covariance(np.linalg.norm(self.lags_um, axis=-1))
-        own = float(noise.covariance(np.zeros(1))[0])
+        between, towards = covariance(noise, lags), covariance(noise, np.linalg.norm(self.lags_um, axis=-1))
+        own = noise.sigma_um**2
         coefficients = np.empty(patterns.shape)
         for first in range(0, len(patterns), _CHUNK):
             known = patterns[first : first + _CHUNK]
@@ -118,7 +80,7 @@ class Neighbourhood:
         variances = own - coefficients @ towards
         return coefficients[place.ravel()], variances[place.ravel()]
 
-    def whitener(self, noise: NoiseModel) -> sparse.csr_array:
+    def whitener(self, noise: Noise) -> sparse.csr_array:
         """Return W (points, points): W·ε has nearly independent entries of variance 1."""
         coefficients, variances = self.rows(noise)
         points = len(variances)
