@@ -11,6 +11,9 @@ DLW := $(BIN)/dlwpredict
 RUNS ?= runs
 RECORDINGS ?= ../shared/recordings
 
+# One matrix thread beside our own: more of them only get in each other's way.
+export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: help
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sort -u | awk -F ':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -44,11 +47,14 @@ clean: ## Remove the environment and all runs
 	rm -rf $(VENV) $(RUNS) *.egg-info .pytest_cache .ruff_cache .hypothesis
 
 # -- benchmarks -------------------------------------------------------------------------------
-.PHONY: bench-model bench-align
+.PHONY: bench-model bench-align bench-calibration
 bench-model: $(VENV)/.installed ## Fast against voxel: agreement, time, memory
 	$(BIN)/python -m tests.bench.model
 
 bench-align: $(VENV)/.installed ## Alignment errors over synthetic recordings
 	$(BIN)/python -m tests.bench.align
+
+bench-calibration: $(VENV)/.installed ## Coverage of the intervals; fast against simplex (about an hour)
+	$(BIN)/python -m tests.bench.calibration
 
 include configs/*.mk

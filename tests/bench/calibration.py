@@ -1,8 +1,9 @@
 """Calibration against known truth: coverage of the 95 % intervals, and fast against simplex.
 
 Run as ``python -m tests.bench.calibration [--trials 100] [--cases 20] [--seed 0]``; `make bench-calibration` does.
-Recordings are predictions with 20 nm of correlated noise. The noise is white noise under a Gaussian filter: not the
-Matérn form that the intervals assume.
+Recordings are predictions, every other trial prints of the virtual press with its own physics off, with 20 nm of
+correlated noise. The noise is white noise
+under a Gaussian filter: not the Matérn form that the intervals assume.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.process import predict
 from dlwpredict.smoothing import blur
+from tests.press import press_from, print_part
 
 NOISE_UM = 0.02
 PITCH_UM = 0.5
@@ -53,12 +55,22 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], width_um: float) -> 
     return NOISE_UM * field * (2 * np.sqrt(np.pi) * width_um / PITCH_UM)
 
 
-def recorded(parts: list[HeightMap], truth: ParameterSet, rng: np.random.Generator) -> tuple[Recording, ...]:
+def pressed(part: HeightMap, truth: ParameterSet) -> np.ndarray:
+    """Print a part on the virtual press, its own physics off, shape (rows, cols), µm."""
+    names = {"exposure_fwhm_xy_um": "focus_fwhm_xy_um", "exposure_fwhm_z_um": "focus_fwhm_z_um"}
+    settings = {names.get(name, name): value for name, value in vars(truth.paper).items()}
+    return print_part(part.heights_um, part.dx_um, part.dy_um, press_from(settings))
+
+
+def recorded(
+    parts: list[HeightMap], truth: ParameterSet, rng: np.random.Generator, *, on_press: bool = False
+) -> tuple[Recording, ...]:
     """Record the trio: each with noise of its own correlation, 0.4 to 1 µm."""
-    return tuple(
-        prepare(part, part.with_heights(predict(part, truth).heights_um + noise(rng, part.shape, rng.uniform(0.4, 1))))
-        for part in parts
-    )
+    found = []
+    for part in parts:
+        heights = pressed(part, truth) if on_press else predict(part, truth).heights_um
+        found.append(prepare(part, part.with_heights(heights + noise(rng, part.shape, rng.uniform(0.4, 1)))))
+    return tuple(found)
 
 
 def coverage(trials: int, seed: int) -> None:
@@ -69,7 +81,8 @@ def coverage(trials: int, seed: int) -> None:
         rng = np.random.default_rng([seed, trial])
         truth = drawn_truth(rng)
         started = time.perf_counter()
-        found = calibrate(recorded(targets(), truth, rng), choose(ParameterSet()), seed=trial)
+        parts = recorded(targets(), truth, rng, on_press=bool(trial % 2))
+        found = calibrate(parts, choose(ParameterSet()), seed=trial)
         seconds.append(time.perf_counter() - started)
         work.append(found.work["all"])
         values = np.array([value_of(truth, name) for name in names])
@@ -87,6 +100,8 @@ def coverage(trials: int, seed: int) -> None:
             f"{np.sqrt(np.mean(error**2)):>13.2f}{error.mean():>8.2f}"
         )
     print(f"{'all identified':<24}{'':>12}{covered[known].mean():>10.1%}   (wanted 90 to 98 %)")
+    for label, part in (("own predictions", slice(0, None, 2)), ("virtual press", slice(1, None, 2))):
+        print(f"  {label:<22}{'':>12}{covered[part][known[part]].mean():>10.1%}")
     print(f"work per trial: {np.median(work):.0f} predictions of the trio, intervals included")
 
 
