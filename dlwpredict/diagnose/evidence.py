@@ -32,9 +32,17 @@ SHIFT_PRIOR = 0.1
 FREE = np.inf
 
 NUISANCES = {
-    "offset": FREE, "tilt_x": FREE, "tilt_y": FREE, "shift_x": SHIFT_PRIOR, "shift_y": SHIFT_PRIOR, "rotation": ROTATION_PRIOR,
-    "scale_x": SCALE_PRIOR, "scale_y": SCALE_PRIOR, "shear": SCALE_PRIOR, "pixels": DISCRETISATION_PRIOR,
-}  # fmt: skip
+    "offset": FREE,
+    "tilt_x": FREE,
+    "tilt_y": FREE,
+    "shift_x": SHIFT_PRIOR,
+    "shift_y": SHIFT_PRIOR,
+    "rotation": ROTATION_PRIOR,
+    "scale_x": SCALE_PRIOR,
+    "scale_y": SCALE_PRIOR,
+    "shear": SCALE_PRIOR,
+    "pixels": DISCRETISATION_PRIOR,
+}
 """Nuisances of a recording and the standard deviations of their priors."""
 
 

@@ -1,9 +1,9 @@
 """The noise of a recording: its strength and correlation, by restricted maximum likelihood.
 
-What a recording differs from its prediction by is noise and model error. Model error is mostly smooth; so a free form that
-is smooth in the coordinates that physics acts in is fitted along, and the likelihood of what it cannot follow is
-maximised over nugget, σ and length. "Restricted" counts what the free form has taken from the noise too; without that the
-length comes out short, and just that makes false alarms.
+What a recording differs from its prediction by is noise and model error. Model error is mostly smooth; so a free form
+that is smooth in the coordinates that physics acts in is fitted along, and the likelihood of what it cannot follow is
+maximised over nugget, σ and length. "Restricted" counts what the free form has taken from the noise too; without that
+the length comes out short, and just that makes false alarms.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, flo
     start = min(grid, key=profiled)
     found = optimize.minimize(
         profiled, start, method="Nelder-Mead", bounds=[(-5, 7), (np.log(0.5 * pitch), np.log(longest))],
-        options={"xatol": 0.02, "fatol": 0.2, "maxfev": 60, "initial_simplex": start + np.array([[0, 0], [0.8, 0], [0, 0.4]])},
+        options={"xatol": 0.02, "fatol": 0.2, "maxfev": 60,
+                 "initial_simplex": start + np.array([[0, 0], [0.8, 0], [0, 0.4]])},
     ).x  # fmt: skip
     _, scale = likelihood.profiled(*found)
     place = np.array([*found, np.log(scale)])

@@ -23,8 +23,8 @@ LEVEL_STEP_SIGMAS = 0.6
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
 
 DOSE_LAYER_UM, CONVERSION_LAYER_UM = 0.2, 0.5
-"""Layers of local dose and of local conversion. Their thickness must not depend on any parameter: where the outline of a
-layer is hard, moving layers would make the prediction jump by nanometres under a fit."""
+"""Thickness of the layers of local dose and of local conversion. It must not depend on any parameter: where the outline
+of a layer is hard, moving layers would make the prediction jump by nanometres under a fit."""
 
 ABOVE_SIGMAS = 2.5
 """Levels end this many axial standard deviations above the part where the local dose can lift its surface."""

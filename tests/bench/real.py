@@ -44,7 +44,8 @@ def main(run: Path) -> None:
         print(
             f"{folder.name:8s} {reached[-1]:10.3f} {pose['cc']:6.3f} {pose['rotation_deg']:7.3f} "
             f"{pose['uncertainty']['rotation_deg']:6.3f} {pose['scale'][0]:8.4f} {pose['scale'][1]:8.4f} "
-            f"{pose['distortion']:8s} {score['cc']:14.3f} {1e3 * score['rmse_um']:8.1f} {1e3 * score['rmse_offset_free_um']:15.1f}"
+            f"{pose['distortion']:8s} {score['cc']:14.3f} {1e3 * score['rmse_um']:8.1f} "
+            f"{1e3 * score['rmse_offset_free_um']:15.1f}"
         )
     print(f"{len(reached)} fields; lowest blurred correlation {min(reached):.3f} (wanted: at least 0.93)")
 
