@@ -14,7 +14,7 @@ from dlwpredict.align.search import Peak, Search, distinct, search
 from dlwpredict.align.surface import Surface, grid_um
 from dlwpredict.errors import ResultError
 
-ODDS = float(np.log(20.0))  # a match, and one pose against another, is taken at 20 : 1, i.e. at 95 %
+ODDS = float(np.log(100.0))  # a match, and one pose against another, is taken at 100 : 1
 PEAKS = 6
 TURNS_DEG = sorted({360.0 * k / n for n in (2, 3, 4, 5, 6, 8) for k in range(n)})
 TURNS = 8
@@ -60,7 +60,7 @@ def choose(recording: Surface, target: Surface) -> Choice:
 
     Two questions, both by likelihood. Are the maps related: the mean likelihood over every pose tried (a uniform
     prior, so that trying many poses is paid for), times that of the relief beyond the outline, must beat "no relation"
-    20 : 1. Which pose: one that shows the relief, and beats every other 20 : 1 (`explained_evidence`), except those
+    100 : 1. Which pose: one that shows the relief, and beats every other 100 : 1 (`explained_evidence`), except those
     that the target's own symmetry makes equal; of these the unmirrored one with the smallest rotation is taken.
 
     Raises
@@ -80,7 +80,7 @@ def choose(recording: Surface, target: Surface) -> Choice:
         raise ResultError(
             f"no reliable match: the best of all poses correlates at {best.correlation:.2f}, odds {odds}",
             key="match",
-            allowed="needed 20 : 1 (unrelated or featureless maps?)",
+            allowed="needed 100 : 1 (unrelated or featureless maps?)",
         )
     peaks = [candidate.peak for candidate in candidates]
     ties = [p for p in peaks if best.evidence - p.evidence < ODDS]
@@ -117,7 +117,7 @@ def _turned(pose: Pose, turns_deg: Sequence[float]) -> list[Pose]:
 def _refined(recording: Surface, target: Surface, found: Search) -> list[_Candidate]:
     """Refine the best peaks of either hand at a pitch finer than the search's; best first.
 
-    Poses at which the recording shows less of the relief than at another, by 20 : 1, are dropped.
+    Poses at which the recording shows less of the relief than at another, by 100 : 1, are dropped.
     """
     level = Level.of(recording, target, max(target.size_um) / CANDIDATE_POINTS)
     turned = Level.of(recording.mirrored(), target, level.pitch_um)
