@@ -1,0 +1,97 @@
+"""Whitening, noise and fit of the diagnosis against what is known."""
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.calibrate.recordings import prepare
+from dlwpredict.diagnose.candidates import candidates
+from dlwpredict.diagnose.evidence import Whitened, gradient, shifted
+from dlwpredict.diagnose.fit import bare, fit
+from dlwpredict.diagnose.freeform import edge_distances
+from dlwpredict.diagnose.noise_fit import estimate
+from dlwpredict.effects import library
+from dlwpredict.flat import choose
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise import Noise
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+from dlwpredict.whitening import Neighbourhood
+
+NOISE = Noise(0.005, 0.02, 1.0, 0.4, 0.4)
+
+
+@pytest.fixture(scope="module")
+def holes() -> np.ndarray:
+    used = np.random.default_rng(0).random((60, 70)) > 0.1
+    used[20:30, 15:35] = False
+    return used
+
+
+def test_whitened_noise_is_white(holes):
+    rng = np.random.default_rng(1)
+    whitener = Neighbourhood(holes, 0.4, 0.4).whitener(NOISE)
+    draws = np.stack([whitener @ NOISE.simulate(holes.shape, rng)[holes] for _ in range(40)])
+    assert draws.var() == pytest.approx(1, abs=0.02)
+    neighbours = np.mean(draws[:, 1:] * draws[:, :-1])
+    assert abs(neighbours) < 0.02
+
+
+def test_whitening_does_not_look_at_what_was_not_measured(holes):
+    whitener = Neighbourhood(holes, 0.4, 0.4).whitener(NOISE)
+    assert whitener.shape == (holes.sum(), holes.sum())
+
+
+def test_noise_beside_model_error_is_recovered(holes):
+    """A smooth mismatch ten times the noise, which the free form can follow, does not change the estimate."""
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:60, :70] * 0.4
+    waves = np.stack([np.cos(np.pi * i * x / 28) * np.cos(np.pi * j * y / 24) for i in range(4) for j in range(4)])
+    found = [
+        estimate(NOISE.simulate(holes.shape, rng) + 0.2 * waves[5], holes, (0.4, 0.4), waves, seed=k).model
+        for k in range(2)
+    ]
+    assert np.median([n.correlated_um for n in found]) == pytest.approx(0.02, rel=0.2)
+    assert np.median([n.length_um for n in found]) == pytest.approx(1.0, rel=0.25)
+
+
+def test_small_shift_is_followed_to_second_order():
+    x = (np.arange(80) - 39.5) * 0.4
+    wave = np.tile(np.sin(2 * np.pi * x / 4), (20, 1))
+    grid = HeightMap(wave, 0.4, 0.4)
+    expected = np.sin(2 * np.pi * (x - 0.08) / 4)
+    np.testing.assert_allclose(shifted(wave, grid, (0.08, 0.0))[10, 5:-5], expected[5:-5], atol=1e-3)
+    k = 2 * np.pi / 4
+    bound = k * (0.4 * k) ** 6 / 140  # leading error of the sixth-order difference
+    np.testing.assert_allclose(gradient(wave, 0.4, 1)[10, 5:-5], (k * np.cos(k * x))[5:-5], atol=bound)
+
+
+def test_edge_distances_know_their_sides():
+    heights = np.zeros((6, 8))
+    heights[2:5, 1:7] = 1.0
+    sides = edge_distances(HeightMap(heights, 0.5, 0.25))
+    assert sides["left"][3, 1] == pytest.approx(0.25)
+    assert sides["right"][3, 1] == pytest.approx(2.75)
+    assert sides["upper"][2, 3] == pytest.approx(0.125)
+    assert sides["lower"][2, 3] == pytest.approx(0.625)
+    assert np.isinf(sides["left"][0, 0])
+
+
+def test_every_library_effect_but_the_nuisance_is_a_candidate():
+    names = {candidate.name for candidate in candidates(ParameterSet())}
+    assert names == set(library()) - {"misregistration"}
+
+
+def test_fit_in_whitened_space_recovers_parameters_and_shift():
+    truth = Paper(0.5, 1.6, 0.45, 6.0, 6.5, 0.72, 0.96)
+    target = designs.cin(size_um=30, pitch_um=0.5, margin_um=4)
+    noise = Noise(0.002, 0.004, 1.0, 0.5, 0.5)
+    printed = predict(target, ParameterSet(paper=truth)).heights_um
+    moved = shifted(printed, target, (0.06, -0.04))
+    recording = target.with_heights(moved + noise.simulate(target.shape, np.random.default_rng(3)))
+    data = [Whitened.of(bare(prepare(target, recording)), noise, np.zeros(target.shape))]
+    found = fit(data, choose(ParameterSet()), iterations=15)
+    assert found.data[0].shift_um == pytest.approx((0.06, -0.04), abs=0.01)
+    error = (found.point.vector - np.array(list(vars(truth).values()))) / np.sqrt(np.diag(found.covariance()))
+    assert np.abs(error).max() < 4
+    assert found.chi2 / len(found.residual) == pytest.approx(1, abs=0.1)
