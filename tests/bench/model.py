@@ -36,7 +36,7 @@ def targets(pitch_um: float) -> dict[str, HeightMap]:
     return {
         "cin": designs.cin(size_um=30, **small),
         "air": designs.air(size_um=30, seed=1, **small),
-        "stairs": designs.stairs(size_um=40, **small),
+        "stairs": designs.stairs(size_um=40, feature_um=5, **small),
         "posts": designs.posts(size_um=40, **small),
     }
 
