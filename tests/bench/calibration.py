@@ -1,6 +1,6 @@
 """Calibration against known truth: coverage of the 95 % intervals, and fast against simplex.
 
-Run as ``python -m tests.bench.calibration [--trials 100] [--cases 20] [--first 0] [--seed 0]``; `make bench-calibration` does.
+Run as ``python -m tests.bench.calibration [--trials 100] [--cases 20] [--first 0]``; `make bench-calibration` does.
 Recordings are predictions, every other trial prints of the virtual press with its own physics off, with 20 nm of
 correlated noise. The noise is white noise
 under a Gaussian filter: not the Matérn form that the intervals assume.
