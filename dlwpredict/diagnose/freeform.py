@@ -25,7 +25,7 @@ def splines(values: np.ndarray, count: int, low: float, high: float) -> list[np.
 
     Examples
     --------
-    >>> float(sum(splines(np.array([0.3]), 5, 0.0, 1.0))[0])
+    >>> round(float(sum(splines(np.array([0.3]), 5, 0.0, 1.0))[0]), 12)
     1.0
     """
     knots = np.concatenate([[low] * 3, np.linspace(low, high, count - 2), [high] * 3])
