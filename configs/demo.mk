@@ -1,0 +1,46 @@
+# The whole loop on sample_data/: convert, align, calibrate, predict, score, correct, export an STL.
+
+DEMO := $(RUNS)/demo
+DEMO_PARTS := cin air
+
+.PHONY: demo sample-data
+demo: $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/score.json $(DEMO)/$(part)/corrected.stl) ## The whole loop on sample_data/: align, calibrate, predict, score, correct, STL
+	@$(BIN)/python -m tests.bench.demo $(DEMO)
+
+sample-data: | $(VENV)/.installed ## Make sample_data/ anew from the virtual press
+	$(BIN)/python -m sample_data.make
+	@ls -l sample_data
+
+$(DEMO)/%/target.tif: sample_data/%_target.tif | $(VENV)/.installed
+	@mkdir -p $(@D)
+	$(DLW) convert $< $@ --overwrite
+
+$(DEMO)/cin/recording.tif: sample_data/cin_recording.txt.gz | $(VENV)/.installed
+	@mkdir -p $(@D)
+	$(DLW) convert $< $@ --pitch-um 0.3125 --z-scale 1e6 --overwrite
+
+$(DEMO)/air/recording.tif: sample_data/air_recording.tif | $(VENV)/.installed
+	@mkdir -p $(@D)
+	$(DLW) convert $< $@ --pitch-um 0.3125 --overwrite
+
+$(DEMO)/%/aligned.tif: $(DEMO)/%/recording.tif $(DEMO)/%/target.tif
+	$(DLW) align $^ -o $@ --report $(@D)/align.yaml --overwrite
+
+DEMO_PAIRS := $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/target.tif $(DEMO)/$(part)/aligned.tif)
+$(DEMO)/process.yaml: configs/paper-defaults.yaml $(DEMO_PAIRS)
+	$(DLW) calibrate $(foreach part,$(DEMO_PARTS),--pair $(DEMO)/$(part)/target.tif $(DEMO)/$(part)/aligned.tif) \
+	  -p $< -o $@ --report $(DEMO)/calibration.yaml --overwrite
+
+$(DEMO)/%/predicted.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
+	$(DLW) predict $< -p $(DEMO)/process.yaml -o $@ --overwrite
+
+$(DEMO)/%/score.json: $(DEMO)/%/predicted.tif $(DEMO)/%/aligned.tif
+	$(DLW) score $^ --part-only --json $@ --plot $(@D)/score.png --overwrite
+
+$(DEMO)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
+	$(DLW) precompensate $< -p $(DEMO)/process.yaml -o $@ --report $(@D)/precompensation.yaml --overwrite
+
+$(DEMO)/%/corrected.stl: $(DEMO)/%/corrected.tif
+	$(DLW) export-stl $< -o $@ --overwrite
+
+.PRECIOUS: $(DEMO)/%/target.tif $(DEMO)/%/recording.tif $(DEMO)/%/aligned.tif $(DEMO)/%/predicted.tif $(DEMO)/%/corrected.tif
