@@ -1,6 +1,7 @@
 """Fast numerics against voxels refined towards zero slice: agreement, time and peak memory of both.
 
-Run as ``python -m tests.bench.model``. Agreement: voxels of 10 nm, whose rounding to whole slices alone is 2.9 nm rms.
+Run as ``python -m tests.bench.model``. Agreement: the mean over voxels of 9, 10 and 11 nm, whose
+roundings to whole slices (2.9 nm rms each, the same all over a flat top) partly cancel.
 Time and memory: each method alone in a process of its own, on 0.1 µm pixels and, for the voxels, 0.1 µm slices.
 """
 
@@ -26,7 +27,7 @@ PROCESSES = {
     "long focus": Paper(0.41, 2.15, 0.45, 5.0, 5.0, 0.72, 0.95),
     "high threshold": Paper(0.7, 1.3, 0.58, 4.4, 8.0, 0.65, 0.9),
 }
-SLICE_UM = 0.01
+SLICES_UM = (0.009, 0.010, 0.011)
 RIM_UM = 0.5
 
 
@@ -43,7 +44,7 @@ def targets(pitch_um: float) -> dict[str, HeightMap]:
 
 def agreement() -> None:
     """Print the rms difference inside the parts and with their rims."""
-    print(f"fast against voxels of {SLICE_UM:g} µm (rounding of whole voxels: {1e3 * SLICE_UM / 12**0.5:.1f} nm rms)")
+    print(f"fast against voxels, mean of {' '.join(f'{1e3 * s:g}' for s in SLICES_UM)} nm slices")
     print(f"{'structure':10s} {'process':18s} {'inside nm':>10s} {'with rim nm':>12s} {'bias nm':>8s} {'max nm':>8s}")
     for name, target in targets(0.25).items():
         step = ndimage.morphological_gradient(target.heights_um, size=3) > 1.0
@@ -52,7 +53,7 @@ def agreement() -> None:
         for label, paper in PROCESSES.items():
             process = ParameterSet(paper=paper)
             fast = predict(target, process, numerics=Levels()).heights_um
-            voxel = predict(target, process, numerics=Voxels(SLICE_UM)).heights_um
+            voxel = np.mean([predict(target, process, numerics=Voxels(s)).heights_um for s in SLICES_UM], axis=0)
             difference = 1e3 * (voxel - fast)
             inside, rim = difference[part & ~near_step], difference[part | near_step]
             print(
