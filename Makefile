@@ -30,8 +30,14 @@ $(VENV)/.installed: pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable . --group dev
 	touch $@
 
+# -- jobs: demo, real prints, generations -----------------------------------------------------
+include configs/*.mk
+
 # -- the daily targets ------------------------------------------------------------------------
-.PHONY: test check format clean
+.PHONY: demo test check format clean
+demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, predict, score, correct, STL
+	@$(BIN)/python -m tests.bench.demo $(DEMO)
+
 test: $(VENV)/.installed ## Run the tests
 	$(BIN)/python -m pytest
 
@@ -57,4 +63,3 @@ bench-align: $(VENV)/.installed ## Alignment errors over synthetic recordings
 bench-calibration: $(VENV)/.installed ## Coverage of the intervals; fast against simplex (about an hour)
 	$(BIN)/python -m tests.bench.calibration
 
-include configs/*.mk
