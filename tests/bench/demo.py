@@ -5,53 +5,52 @@ Run as ``python -m tests.bench.demo RUN_DIR`` after the Make rules have filled R
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import yaml
 
 from dlwpredict.files import read_height_map
-from dlwpredict.heightmap import HeightMap
 from dlwpredict.score import score
-from tests.bench.generations import RIM_UM, without_rim
 
 
 def line(name: str, text: str, place: Path) -> None:
     """Print one row of the summary."""
-    print(f"  {name:12s} {text:46s} {place}")
-
-
-def compared(reference: HeightMap, test: Path) -> str:
-    """Say how far a map is from another, away from the outline."""
-    found = score(reference, read_height_map(test), part_only=True)
-    return f"rmse {found.rmse_um:.3f}, CC {found.cc:.3f}"
-
-
-def show(part: Path) -> None:
-    """Print what was made of one part."""
-    pose = yaml.safe_load((part / "align.yaml").read_text())
-    left = yaml.safe_load((part / "precompensation.yaml").read_text())["rmse_um"]
-    target = without_rim(read_height_map(part / "target.tif"))
-    print(f"\n{part.name.upper()}")
-    angle = f"turned by {pose['rotation_deg']:.2f} ± {pose['uncertainty']['rotation_deg']:.2f}°"
-    line("recording", f"{angle}, {100 * pose['missing_fraction']:.0f} % not measured", part / "aligned.tif")
-    line("print", f"to target: {compared(target, part / 'aligned.tif')}", part / "recording.tif")
-    predicted = target.with_heights(read_height_map(part / "predicted.tif").heights_um * (target.heights_um > 0))
-    line("prediction", f"to print: {compared(predicted, part / 'aligned.tif')}", part / "score.png")
-    line("correction", f"predicted rmse {left['before']:.3f} → {left['after']:.3f}", part / "corrected.stl")
-    line("new print", f"to target: {compared(target, part / 'reprinted.tif')}", part / "reprinted.tif")
+    print(f"  {name:13s} {text:58s} {place}")
 
 
 def main(run: Path) -> None:
-    """Print what was made of each part, and the process that both share."""
+    """Print what was made of each part."""
     fit = yaml.safe_load((run / "calibration.yaml").read_text())
+    parts = sorted((path.parent for path in run.glob("*/score.json")), reverse=True)
+    print(f"\nFrom {len(parts)} recordings to corrected parts (rmse in µm, heights from the substrate):\n")
+    for part in parts:
+        pose = yaml.safe_load((part / "align.yaml").read_text())
+        before = score(*(read_height_map(part / name) for name in ("target.tif", "aligned.tif")), part_only=True)
+        found = json.loads((part / "score.json").read_text())
+        pre = yaml.safe_load((part / "precompensation.yaml").read_text())
+        left, reached = pre["rmse_um"], pre["reachable"]
+        print(part.name.upper())
+        angle = f"turned by {pose['rotation_deg']:.2f} ± {pose['uncertainty']['rotation_deg']:.2f}°"
+        line("recording", f"{angle}, {100 * pose['missing_fraction']:.0f} % not measured", part / "aligned.tif")
+        line("print", f"{before.rmse_um:.3f} off the target, CC {before.cc:.3f}", part / "score.png")
+        line("prediction", f"{found['rmse_um']:.3f} off the print, CC {found['cc']:.3f}", part / "predicted.tif")
+        text = f"predicted {left['before']:.3f} → {left['after']:.3f} off the target"
+        line("correction", f"{text} ({reached['rmse_um']:.3f} away from walls)", part / "corrected.tif")
+        line(
+            "to print",
+            f"watertight solid, {(part / 'corrected.stl').stat().st_size / 1e6:.1f} MB",
+            part / "corrected.stl",
+        )
     rmse = fit["rmse_um"]
-    print(f"\nFrom recordings to corrected parts; heights in µm from the substrate, {RIM_UM:g} µm inside the outline")
-    for part in sorted((path.parent for path in run.glob("*/score.json")), reverse=True):
-        show(part)
-    print("\nPROCESS, learned from both recordings")
-    line("parameters", f"prediction rmse {rmse['before']:.3f} → {rmse['after']:.3f}", run / "process.yaml")
-    line("", f"left-out blocks {fit['holdout']['rmse_um']:.3f}; warnings", run / "calibration.yaml")
+    print("PROCESS")
+    line(
+        "calibration",
+        f"prediction error {rmse['before']:.3f} → {rmse['after']:.3f} over both parts",
+        run / "process.yaml",
+    )
+    line("", f"blocks left out {fit['holdout']['rmse_um']:.3f}; intervals and warnings", run / "calibration.yaml")
 
 
 if __name__ == "__main__":
