@@ -2,8 +2,8 @@
 
 Run as ``python -m tests.bench.calibration [--trials 100] [--cases 20] [--first 0]``; `make bench-calibration` does.
 Recordings are predictions, every other trial prints of the virtual press with its own physics off, with 20 nm of
-correlated noise. The noise is white noise
-under a Gaussian filter: not the Matérn form that the intervals assume.
+correlated noise: white noise under a Gaussian filter. The press prints on finer pixels that resolve its focus; the
+program knows the target, and the recording, at the centres of the coarse ones only.
 """
 
 from __future__ import annotations
@@ -26,17 +26,23 @@ from tests.press import press_from, print_part
 
 NOISE_UM = 0.02
 PITCH_UM = 0.5
+FINER = 3  # the press's pixels per recorded pixel and side; odd, so that centres coincide
 SAME = 1e-4  # fast has reached the rmse of simplex where it is at most this share above it
 
 
 def targets() -> list[HeightMap]:
-    """Build a small trio with the substrate in view: chirp, roughness, stairs."""
-    common = {"pitch_um": PITCH_UM, "margin_um": 4.0}
+    """Build a small trio with the substrate in view, on the pixels of the press: chirp, roughness, stairs."""
+    common = {"pitch_um": PITCH_UM / FINER, "margin_um": 4.0}
     return [
         designs.cin(size_um=32.0, **common),
         designs.air(size_um=32.0, **common),
         designs.stairs(size_um=32.0, feature_um=4.0, **common),
     ]
+
+
+def at_centres(part: HeightMap) -> HeightMap:
+    """Return the heights at the centres of the recorded pixels."""
+    return HeightMap(part.heights_um[FINER // 2 :: FINER, FINER // 2 :: FINER], PITCH_UM, PITCH_UM)
 
 
 def drawn_truth(rng: np.random.Generator) -> ParameterSet:
@@ -55,11 +61,11 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], width_um: float) -> 
     return NOISE_UM * field * (2 * np.sqrt(np.pi) * width_um / PITCH_UM)
 
 
-def pressed(part: HeightMap, truth: ParameterSet) -> np.ndarray:
-    """Print a part on the virtual press, its own physics off, shape (rows, cols), µm."""
+def pressed(part: HeightMap, truth: ParameterSet) -> HeightMap:
+    """Print a part on the virtual press, its own physics off."""
     names = {"exposure_fwhm_xy_um": "focus_fwhm_xy_um", "exposure_fwhm_z_um": "focus_fwhm_z_um"}
     settings = {names.get(name, name): value for name, value in vars(truth.paper).items()}
-    return print_part(part.heights_um, part.dx_um, part.dy_um, press_from(settings))
+    return part.with_heights(print_part(part.heights_um, part.dx_um, part.dy_um, press_from(settings)))
 
 
 def recorded(
@@ -68,8 +74,10 @@ def recorded(
     """Record the trio: each with noise of its own correlation, 0.4 to 1 µm."""
     found = []
     for part in parts:
-        heights = pressed(part, truth) if on_press else predict(part, truth).heights_um
-        found.append(prepare(part, part.with_heights(heights + noise(rng, part.shape, rng.uniform(0.4, 1)))))
+        target = at_centres(part)
+        printed = at_centres(pressed(part, truth)) if on_press else predict(target, truth)
+        heights = printed.heights_um + noise(rng, target.shape, rng.uniform(0.4, 1))
+        found.append(prepare(target, target.with_heights(heights)))
     return tuple(found)
 
 
