@@ -16,7 +16,7 @@ LAYERS = [
     {"errors"},
     {"heightmap"},
     {"parameters"},
-    {"smoothing", "missing", "rasterise", "mesh", "noise", "score"},
+    {"smoothing", "missing", "rasterise", "mesh", "noise", "score", "parallel"},
     {"model", "designs", "whitening"},
     {"effects"},
     {"process", "flat"},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from dlwpredict.calibrate.recordings import Recording, with_nuisances
 from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.flat import Free, fittable
 from dlwpredict.model.levels import Levels
+from dlwpredict.parallel import each
 
 STEP_OF_RANGE = 0.003
 """Step of a finite difference, in units of the declared range ..."""
@@ -148,8 +148,7 @@ class Problem:
             index, parameters, known = job
             return trace(self.recordings[index].target, parameters, self.numerics, known)
 
-        with ThreadPoolExecutor(self.threads) as pool:
-            traces = list(pool.map(run, jobs))
+        traces = each(run, jobs, self.threads)
         sizes = [self.recordings[index].target.heights_um.size for index, *_ in jobs]
         self.work += sum(t.work * size for t, size in zip(traces, sizes, strict=True)) / self.unit_px
         return traces

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -16,6 +15,7 @@ from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
+from dlwpredict.parallel import each
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 from dlwpredict.process import predict
 
@@ -148,7 +148,6 @@ def signatures(
         return np.nan_to_num(moved.heights_um - known[index].heights_um) / step
 
     jobs = [(candidate, index) for candidate in chosen for index in range(len(recordings))]
-    with ThreadPoolExecutor(threads) as pool:
-        maps = list(pool.map(change, jobs))
+    maps = each(change, jobs, threads)
     per = len(recordings)
     return [maps[k * per : (k + 1) * per] for k in range(len(chosen))]

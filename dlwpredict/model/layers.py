@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
+
+from dlwpredict.parallel import each
 
 _NOTHING = 1e-12
 
@@ -30,9 +31,8 @@ class Layers:
     def of(cls, weight_at: Callable[[float], np.ndarray], top_um: float, step_um: float, threads: int) -> Layers:
         """Evaluate a weight on all layers from 0 to the top."""
         heights = step_um * np.arange(int(top_um / step_um) + 1)
-        with ThreadPoolExecutor(threads) as pool:
-            planes = pool.map(lambda z: np.asarray(weight_at(z), dtype=np.float32), heights)
-            return cls(step_um, np.stack(list(planes)))
+        planes = each(lambda z: np.asarray(weight_at(z), dtype=np.float32), heights, threads)
+        return cls(step_um, np.stack(planes))
 
     def __getitem__(self, part: tuple[slice, slice]) -> Layers:
         """Return the layers over a part of the plane."""

@@ -8,7 +8,6 @@ map e(x, y) again, and the same holds for cross-linking. This is the limit that 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.special import ndtr, ndtri
 
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
+from dlwpredict.parallel import each
 from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_SIGMAS, block_mean, blur, spline_matrix
 
 LEVEL_STEP_SIGMAS = 0.6
@@ -79,8 +79,7 @@ class Levels:
                 surface[inner] = found[offset[0] : offset[0] + rows, offset[1] : offset[1] + cols]
 
         corners = [(r, c) for r in range(0, written.shape[0], TILE_PX) for c in range(0, written.shape[1], TILE_PX)]
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(solve, corners))
+        each(solve, corners, self.threads)
         return Exposed(written.with_heights(surface), dose)
 
     def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
@@ -224,8 +223,7 @@ def _crosslink_stack(
     padding = [(m * r, m * r + (-n) % m) for n, m, r in zip(surface.shape, factors, reach, strict=True)]
     heights = np.pad(surface.heights_um, padding)
     source = _source(crosslinked, heights, padding, factors, threads)
-    with ThreadPoolExecutor(threads) as pool:
-        stack = np.stack(list(pool.map(lambda z: blur(source(z), *sigmas), levels)))
+    stack = np.stack(each(lambda z: blur(source(z), *sigmas), levels, threads))
     matrices = [
         spline_matrix((np.arange(n) + before + 0.5) / m - 0.5, size)
         for n, (before, _), m, size in zip(surface.shape, padding, factors, stack.shape[1:], strict=True)
