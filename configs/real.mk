@@ -1,15 +1,20 @@
-# Sixteen real two-photon prints with their designs: convert, align, predict, score, export an STL for every field.
+# Sixteen real two-photon prints with their designs: convert, align, calibrate on four, predict the other twelve, score,
+# export an STL for every field.
 #   make real RECORDINGS=/folder/that/holds/two_photon
+#
+# The four are every fourth of the sorted list from the first on: chosen by their place, whatever they show.
 
 REAL := $(RUNS)/real
 REAL_SOURCE := $(RECORDINGS)/two_photon
-REAL_FIELDS := $(patsubst $(REAL_SOURCE)/%_design_levels.tif,%,$(wildcard $(REAL_SOURCE)/*_design_levels.tif))
-REAL_PARAMETERS ?= configs/paper-defaults.yaml
+REAL_FIELDS := $(sort $(patsubst $(REAL_SOURCE)/%_design_levels.tif,%,$(wildcard $(REAL_SOURCE)/*_design_levels.tif)))
+REAL_FOUR := $(foreach place,1 5 9 13,$(word $(place),$(REAL_FIELDS)))
+REAL_OTHERS := $(filter-out $(REAL_FOUR),$(REAL_FIELDS))
+REAL_START ?= configs/real.yaml
 
 .PHONY: real
-real: $(foreach field,$(REAL_FIELDS),$(REAL)/$(field)/score.json $(REAL)/$(field)/target.stl) | $(VENV)/.installed ## Align, predict, score real prints (RECORDINGS=...)
+real: $(foreach field,$(REAL_FIELDS),$(REAL)/$(field)/aligned.tif $(REAL)/$(field)/target.stl) $(foreach field,$(REAL_OTHERS),$(REAL)/$(field)/default.tif $(REAL)/$(field)/score.json) | $(VENV)/.installed ## Align, calibrate, predict, score real prints (RECORDINGS=...)
 	@test -n "$(REAL_FIELDS)" || { echo "error: no *_design_levels.tif in $(REAL_SOURCE); see README.md, Real prints"; exit 1; }
-	$(BIN)/python -m tests.bench.real $(REAL)
+	@$(BIN)/python -m tests.bench.real $(REAL) $(REAL_FOUR)
 
 $(REAL)/%/target.tif: $(REAL_SOURCE)/%_design_levels.tif | $(VENV)/.installed
 	@mkdir -p $(@D)
@@ -26,8 +31,15 @@ $(REAL)/%/recording.tif: $(REAL_SOURCE)/%_afm.txt | $(VENV)/.installed
 $(REAL)/%/aligned.tif: $(REAL)/%/recording.tif $(REAL)/%/target.tif
 	$(DLW) align $^ -o $@ --report $(@D)/align.yaml --overwrite
 
-$(REAL)/%/predicted.tif: $(REAL)/%/target.tif $(REAL_PARAMETERS)
-	$(DLW) predict $< -p $(REAL_PARAMETERS) -o $@ --overwrite
+$(REAL)/process.yaml: $(REAL_START) $(foreach field,$(REAL_FOUR),$(REAL)/$(field)/target.tif $(REAL)/$(field)/aligned.tif)
+	$(DLW) calibrate $(foreach field,$(REAL_FOUR),--pair $(REAL)/$(field)/target.tif $(REAL)/$(field)/aligned.tif) \
+	  -p $< -o $@ --report $(REAL)/calibration.yaml --overwrite
+
+$(REAL)/%/default.tif: $(REAL)/%/target.tif $(REAL_START)
+	$(DLW) predict $< -p $(REAL_START) -o $@ --overwrite
+
+$(REAL)/%/predicted.tif: $(REAL)/%/target.tif $(REAL)/process.yaml
+	$(DLW) predict $< -p $(REAL)/process.yaml -o $@ --overwrite
 
 $(REAL)/%/score.json: $(REAL)/%/predicted.tif $(REAL)/%/aligned.tif
 	$(DLW) score $^ --json $@ --plot $(@D)/score.png --overwrite --quiet
@@ -35,4 +47,4 @@ $(REAL)/%/score.json: $(REAL)/%/predicted.tif $(REAL)/%/aligned.tif
 $(REAL)/%/target.stl: $(REAL)/%/target.tif
 	$(DLW) export-stl $< -o $@ --overwrite
 
-.PRECIOUS: $(REAL)/%/target.tif $(REAL)/%/recording.tif $(REAL)/%/aligned.tif $(REAL)/%/predicted.tif
+.PRECIOUS: $(REAL)/%/target.tif $(REAL)/%/recording.tif $(REAL)/%/aligned.tif $(REAL)/%/default.tif $(REAL)/%/predicted.tif
