@@ -13,6 +13,7 @@ from dlwpredict.calibrate.recordings import check_points, coarser, with_nuisance
 from dlwpredict.calibrate.simplex import simplex
 from dlwpredict.calibrate.straight import bending, bent, straight
 from dlwpredict.calibrate.trace import trace
+from dlwpredict.calibrate.words import width_if_square
 from dlwpredict.effects import library
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.flat import choose, fittable, value_of, with_values
@@ -252,6 +253,26 @@ def test_flat_part_cannot_tell_threshold_from_focus(air):
     assert not all(found.identified.values())
     assert any("is not identified" in w for w in found.warnings)
     assert any("the data leave open" in w for w in found.warnings)
+
+
+class TestPixels:
+    """The same target, taken as smooth between its pixels and as squares."""
+
+    def test_width_of_the_focus_depends_on_the_reading_as_is_said(self):
+        chirp, width = designs.cin(size_um=24.0, **COMMON), TRUTH.paper.exposure_fwhm_xy_um
+        squares = HeightMap(np.kron(chirp.heights_um, np.ones((9, 9))), 0.5 / 9, 0.5 / 9)
+        printed = chirp.with_heights(predict(squares, TRUTH).heights_um[4::9, 4::9])
+        found = calibrate([prepare(chirp, printed)], choose(TRUTH, free=("exposure_fwhm_xy_um",)))
+        assert found.point.vector[0] > 1.15 * width
+        assert width_if_square(found.point.vector[0], 0.5) == pytest.approx(width, rel=0.05)
+        assert any("how pixels of 0.5 µm are read" in w for w in found.warnings)
+
+    def test_a_smooth_target_needs_no_finer_pixels(self):
+        fine = designs.cin(size_um=24.0, pitch_um=0.5 / 3, margin_um=4.0)
+        chirp, printed = (HeightMap(part.heights_um[1::3, 1::3], 0.5, 0.5) for part in (fine, predict(fine, TRUTH)))
+        found = calibrate([prepare(chirp, noisy(printed, 0))], choose(TRUTH, free=("exposure_fwhm_xy_um",)))
+        low, high = found.intervals[0]
+        assert low < TRUTH.paper.exposure_fwhm_xy_um < high
 
 
 def test_same_seed_same_result(air, printed):

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 from dlwpredict.calibrate.problem import Point
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.flat import Free, fittable
+from dlwpredict.smoothing import FWHM_PER_SIGMA
 
 WEAK_SHARE = 0.3
 """A parameter is weakly known where its interval reaches further than this share of its value."""
@@ -25,7 +28,7 @@ def warnings_of(
     for k, name in enumerate(free.names):
         said += _about(name, fittable(free.base)[name].unit, point.vector[k], intervals[k], free.low[k], free.high[k])
     said += [f"the data leave open: {combination(free, direction)}" for direction in directions]
-    return said + _about_shifts(recordings, point)
+    return said + _about_pixels(free, recordings, point, intervals) + _about_shifts(recordings, point)
 
 
 def identified(free: Free, intervals: np.ndarray) -> np.ndarray:
@@ -54,6 +57,39 @@ def _about(name: str, unit: str, value: float, interval: np.ndarray, low: float,
     elif max(interval[1] - value, value - interval[0]) > WEAK_SHARE * abs(value):
         said.append(f"{name} is only weakly constrained by these structures (95 % interval {span})")
     return said
+
+
+def width_if_square(fwhm_um: float, pitch_um: float) -> float:
+    """Return the FWHM that prints square pixels as the given one prints a target smooth between its pixels, µm.
+
+    A Gaussian over squares, read at their centres, has the weights Φ((n + ½)/s) − Φ((n − ½)/s), s in pixels. Their
+    variance is made equal to that of the given Gaussian; for wide ones it is s² + 1/12.
+
+    Examples
+    --------
+    >>> [round(width_if_square(fwhm, 0.5), 3) for fwhm in (0.4, 0.6, 2.0)]
+    [0.374, 0.52, 1.971]
+    """
+    variance = (fwhm_um / FWHM_PER_SIGMA / pitch_um) ** 2
+    pixels = np.arange(-np.ceil(8 * np.sqrt(variance)) - 8, np.ceil(8 * np.sqrt(variance)) + 9)
+    edges = np.append(pixels - 0.5, pixels[-1] + 0.5)
+    sigma = brentq(lambda s: np.diff(ndtr(edges / s)) @ pixels**2 - variance, 1e-3, np.sqrt(variance) + 1)
+    return float(sigma * FWHM_PER_SIGMA * pitch_um)
+
+
+def _about_pixels(free: Free, recordings: Sequence[Recording], point: Point, intervals: np.ndarray) -> list[str]:
+    """Say where the reading of a pixel moves the width of the focus out of its interval."""
+    place = free.index("exposure_fwhm_xy_um")
+    if place is None:
+        return []
+    pitch = max(max(r.target.dx_um, r.target.dy_um) for r in recordings)
+    other = width_if_square(point.vector[place], pitch)
+    if intervals[place, 0] <= other <= intervals[place, 1]:
+        return []
+    return [
+        f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: here the part is smooth between them; "
+        f"were they written as squares, it would be {other:.2g} µm"
+    ]
 
 
 def _about_shifts(recordings: Sequence[Recording], point: Point) -> list[str]:
