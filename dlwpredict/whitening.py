@@ -23,7 +23,7 @@ _CHUNK = 4000
 
 def covariance(noise: Noise, distance_um: np.ndarray) -> np.ndarray:
     """Return the noise's covariance at a distance, µm²."""
-    correlated = noise.correlated_um**2 * matern(distance_um, noise.length_um)
+    correlated = noise.correlated_um**2 * matern(distance_um, noise.length_um, noise.smoothness)
     return correlated + np.where(distance_um == 0, noise.white_um**2, 0.0)
 
 

@@ -68,6 +68,11 @@ class Trace:
     work: float
 
     @property
+    def numerics(self) -> Numerics:
+        """The way of computing that the steps share."""
+        return next(step.numerics for step in self.chain if hasattr(step, "numerics"))
+
+    @property
     def heights_um(self) -> np.ndarray:
         """Predicted heights on the target's grid, shape (rows, cols)."""
         (r, c), heights = self.room, self.states[-1].heights_um

@@ -14,7 +14,6 @@ from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.levels import Levels
 from dlwpredict.parallel import each
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 from dlwpredict.process import predict
@@ -128,7 +127,6 @@ def signatures(
     recordings: Sequence[Recording],
     parameters: ParameterSet,
     known: Sequence[Trace],
-    numerics: Levels,
     threads: int = 2,
 ) -> list[list[np.ndarray]]:
     """Return the change of every recording's prediction per typical size of every candidate.
@@ -144,7 +142,7 @@ def signatures(
         effect = candidate.at(SMALL)
         step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
         with_effect = replace(parameters, effects=(*parameters.effects, effect))
-        moved = trace(recordings[index].target, with_effect, numerics, known[index])
+        moved = trace(recordings[index].target, with_effect, known[index].numerics, known[index])
         return np.nan_to_num(moved.heights_um - known[index].heights_um) / step
 
     jobs = [(candidate, index) for candidate in chosen for index in range(len(recordings))]

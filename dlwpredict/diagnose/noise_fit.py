@@ -8,11 +8,11 @@ the length comes out short, and just that makes false alarms.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, sparse, special
+from scipy import ndimage, optimize, sparse, special
 
 from dlwpredict.noise import Noise
 from dlwpredict.whitening import Neighbourhood
@@ -20,7 +20,16 @@ from dlwpredict.whitening import Neighbourhood
 DISCREPANCY_UM = 0.0015
 """Numerical difference between two honest computations of the same physics; no noise is taken to be smaller."""
 
-MOST_POINTS = 1500
+SMOOTHNESSES = (0.5, 1.5, np.inf)
+"""Kinds of correlation that are tried: a rough one, Matérn's, a Gaussian. Taken for Matérn's, noise that an instrument
+has smoothed would come out three times as long."""
+
+OUTLYING = 4.0
+"""Whitened values beyond this are no noise: points like these, and those `LOUD_PX` around, have no say in the noise."""
+
+LOUD_PX = 3
+
+MOST_POINTS = 2500
 """Points whose conditional likelihood enters; more would sharpen the estimate beyond need."""
 
 
@@ -45,7 +54,7 @@ class NoiseEstimate:
     def draw(self, rng: np.random.Generator) -> Noise:
         """Return a noise model that the data would allow as well."""
         step = np.clip(rng.multivariate_normal(np.zeros(3), self.covariance), -1, 1)
-        return _floored(_model(self.place + step, (self.model.dx_um, self.model.dy_um)))
+        return _floored(_at(self.model, self.place + step))
 
 
 def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, float], smooth: np.ndarray,
@@ -66,33 +75,52 @@ def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, flo
         Of the choice of points.
     """
     y, design = values_um[used], smooth[:, used].T
-    count = len(y)
-    chosen = np.arange(count)
-    if count > MOST_POINTS:
-        chosen = np.sort(np.random.default_rng(seed).choice(count, MOST_POINTS, replace=False))
-    likelihood = _Likelihood(Neighbourhood(used, *pitch_um, near_px=2, far_px=(4, 8, 16)), chosen, y, design)
+    neighbours = Neighbourhood(used, *pitch_um, near_px=2, far_px=(4, 8, 16))
+    draw = np.random.default_rng(seed)
+    likelihood = _Likelihood(neighbours, _some(np.arange(len(y)), draw), y, design)
+    model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), SMOOTHNESSES)
+    quiet = likelihood.quiet(model)
+    if len(quiet) < len(y):
+        likelihood = replace(likelihood, chosen=_some(quiet, draw))
+        model, place = _searched(likelihood, model, (model.smoothness,))
     pitch = float(np.sqrt(pitch_um[0] * pitch_um[1]))
-    longest = pitch * np.sqrt(count) / 6
-
-    def profiled(place: np.ndarray) -> float:
-        return likelihood.profiled(*place)[0] + _weak_prior(place, pitch)
-
-    grid = [np.array([share, np.log(length)]) for share in (-1.0, 2.0) for length in pitch * np.array([1.0, 3.0, 9.0])]
-    start = min(grid, key=profiled)
-    found = optimize.minimize(
-        profiled, start, method="Nelder-Mead", bounds=[(-5, 7), (np.log(0.5 * pitch), np.log(longest))],
-        options={"xatol": 0.02, "fatol": 0.2, "maxfev": 60,
-                 "initial_simplex": start + np.array([[0, 0], [0.8, 0], [0, 0.4]])},
-    ).x  # fmt: skip
-    _, scale = likelihood.profiled(*found)
-    place = np.array([*found, np.log(scale)])
 
     def deviance(place: np.ndarray) -> float:
-        return likelihood.deviance(_model(place, pitch_um)) + _weak_prior(place, pitch)
+        return likelihood.deviance(_at(model, place)) + _weak_prior(place, pitch)
 
-    return NoiseEstimate(
-        _floored(_model(place, pitch_um, source)), place, _spread_of(deviance, place) * count / len(chosen), source
-    )
+    scatter = _spread_of(deviance, place) * len(y) / len(likelihood.chosen)
+    return NoiseEstimate(_floored(model), place, scatter, source)
+
+
+def _some(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return at most `MOST_POINTS` of the points, in order."""
+    return np.sort(rng.choice(points, MOST_POINTS, replace=False)) if len(points) > MOST_POINTS else points
+
+
+def _searched(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> tuple[Noise, np.ndarray]:
+    """Return the most likely model, over the kinds of correlation too, and its place."""
+    pitch = float(np.sqrt(like.dx_um * like.dy_um))
+    longest = pitch * np.sqrt(len(likelihood.values_um)) / 6
+    grid = [np.array([share, np.log(length)]) for share in (-1.0, 2.0) for length in pitch * np.array([1.0, 3.0, 9.0])]
+    best = np.inf
+    for kind in kinds:
+        template = replace(like, smoothness=kind)
+
+        def profiled(place: np.ndarray, template: Noise = template) -> float:
+            return likelihood.profiled(_at(template, np.array([*place, 0.0])))[0] + _weak_prior(place, pitch)
+
+        start = min(grid, key=profiled)
+        found = optimize.minimize(
+            profiled, start, method="Nelder-Mead", bounds=[(-5, 7), (np.log(0.5 * pitch), np.log(longest))],
+            options={"xatol": 0.02, "fatol": 0.2, "maxfev": 40,
+                     "initial_simplex": start + np.array([[0, 0], [0.8, 0], [0, 0.4]])},
+        )  # fmt: skip
+        if found.fun < best:
+            best = found.fun
+            scale = likelihood.profiled(_at(template, np.array([*found.x, 0.0])))[1]
+            place = np.array([*found.x, np.log(scale)])
+            model = _at(template, place)
+    return model, place
 
 
 def _weak_prior(place: np.ndarray, pitch_um: float) -> float:
@@ -119,20 +147,24 @@ class _Likelihood:
     values_um: np.ndarray
     design: np.ndarray
 
-    @property
-    def pitch_um(self) -> tuple[float, float]:
-        """Pitch (dx, dy)."""
-        return self.neighbours.dx_um, self.neighbours.dy_um
-
-    def profiled(self, share: float, log_length: float) -> tuple[float, float]:
-        """Return the deviance at its best overall scale, and that scale, µm."""
-        logs, squares, freedom = self._terms(_model(np.array([share, log_length, 0.0]), self.pitch_um))
+    def profiled(self, model: Noise) -> tuple[float, float]:
+        """Return the deviance at the best multiple of a model, and that multiple."""
+        logs, squares, freedom = self._terms(model)
         return logs + freedom * np.log(squares / freedom), float(np.sqrt(squares / freedom))
 
     def deviance(self, model: Noise) -> float:
         """Return −2 ln L up to a constant."""
         logs, squares, _ = self._terms(model)
         return logs + squares
+
+    def quiet(self, model: Noise) -> np.ndarray:
+        """Return the points far from any whose whitened value is no noise; all of them where those are a third."""
+        every = np.arange(len(self.values_um))
+        white = _condition(self.values_um[:, None], self.neighbours, every, *self.neighbours.rows(model))[:, 0]
+        loud = np.zeros(self.neighbours.used.shape, dtype=bool)
+        loud[self.neighbours.used] = np.abs(white) > OUTLYING
+        near = ndimage.binary_dilation(loud, iterations=LOUD_PX)[self.neighbours.used]
+        return every if near.mean() > 1 / 3 else every[~near]
 
     def _terms(self, model: Noise) -> tuple[float, float, int]:
         """Return the log determinants, the whitened sum of squares beside the design, and the degrees of freedom.
@@ -175,11 +207,11 @@ def _spread_of(deviance: Callable[[np.ndarray], float], place: np.ndarray) -> np
     return vectors @ np.diag(1 / np.maximum(values, 4.0)) @ vectors.T
 
 
-def _model(place: np.ndarray, pitch_um: tuple[float, float], source: str = "residual") -> Noise:
+def _at(like: Noise, place: np.ndarray) -> Noise:
     """Return the model of (logit of the correlated share of the variance, log length, log scale)."""
     share, scale = special.expit(place[0]), np.exp(place[2])
     white, correlated = float(scale * np.sqrt(1 - share)), float(scale * np.sqrt(share))
-    return Noise(white, correlated, float(np.exp(place[1])), *pitch_um, noise_from=source)
+    return replace(like, white_um=white, correlated_um=correlated, length_um=float(np.exp(place[1])))
 
 
 def _floored(noise: Noise) -> Noise:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dlwpredict.diagnose.candidates import Candidate, candidates, matters, signatures
-from dlwpredict.diagnose.evidence import prior_rows, stack
+from dlwpredict.diagnose.around import Around
+from dlwpredict.diagnose.candidates import Candidate, matters
+from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit, fit
 from dlwpredict.diagnose.screen import Null, Screen, screen
 from dlwpredict.effects.base import Effect
@@ -18,8 +19,8 @@ from dlwpredict.parameters import ParameterSet, declarations
 MOST_EFFECTS = 3
 """Effects that one diagnosis names at most."""
 
-LEVEL = 0.05
-"""Family-wise probability at which noise alone would name an effect."""
+LEVEL = 0.025
+"""Family-wise probability at which noise alone would name an effect; as much is left to the free forms."""
 
 SHORTLIST = 6
 """Effects that are refitted per round."""
@@ -28,7 +29,10 @@ START_SHARE = 0.5
 """Refits start at this share of the linear strength: the full one may overshoot where the law is not linear."""
 
 INDISTINCT = 9.0
-"""Two effects stay in one class while the refitted runner-up is not this far behind in 2 ln L."""
+"""Two effects stay in one class while the refitted runner-up is not this far behind in 2 ln L ..."""
+
+FORM_ERROR = 0.15
+"""... nor by the energy of this share of the signature: no formula is trusted further than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,18 +72,14 @@ class Library:
     columns: np.ndarray
 
     @classmethod
-    def of(cls, baseline: Fit) -> Library:
-        """Compute the signatures of every candidate about a fit."""
-        chosen = candidates(baseline.parameters)
-        numerics = next(step.numerics for step in baseline.point.traces[0].chain if hasattr(step, "numerics"))
-        recordings = [item.recording for item in baseline.data]
-        maps = signatures(chosen, recordings, baseline.parameters, baseline.point.traces, numerics)
-        below = prior_rows(len(recordings))
+    def of(cls, around: Around, data: Sequence[Whitened]) -> Library:
+        """Whiten the signatures."""
+        below = prior_rows(len(data))
         white = [
-            stack([item.white(change) for item, change in zip(baseline.data, changes, strict=True)], below)
-            for changes in maps
+            stack([item.white(change) for item, change in zip(data, changes, strict=True)], below)
+            for changes in around.signatures_um
         ]
-        return cls(chosen, np.stack(white, axis=1))
+        return cls(around.chosen, np.stack(white, axis=1))
 
     @property
     def signs(self) -> np.ndarray:
@@ -94,38 +94,48 @@ class Library:
 
 
 def select(
-    baseline: Fit, library: Library, null: Null, *, tell: Callable[[str], None] = lambda text: None
-) -> tuple[Fit, list[Named]]:
+    baseline: Fit,
+    library: Library,
+    null: Null,
+    *,
+    start: Fit | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Fit:
     """Grow the model effect by effect while noise cannot explain the next one; then try to do without each.
+
+    Parameters
+    ----------
+    baseline : Fit
+    library : Library
+    null : Null
+    start : Fit, optional
+        A model with effects to begin with, on the same data.
+    tell : function of str
 
     Returns
     -------
     Fit
         With the named effects among its parameters; the baseline itself where there are none.
-    list of Named
-        Strongest first.
     """
-    model, p_values = baseline, {}
-    while len(p_values) < MOST_EFFECTS:
+    model = start or baseline
+    while len(added(model, baseline)) < MOST_EFFECTS:
         scores = library.screen(model, null)
-        best = int(np.argmax(np.abs(scores.z)))
-        p_value = scores.p_value(scores.z[best])
-        if p_value > LEVEL:
+        if scores.p_value(np.abs(scores.z).max()) > LEVEL:
             break
         tried = refits(model, library, scores)
-        tell(
-            f"round {len(p_values) + 1}: " + ", ".join(f"{name} {model.chi2 - t.chi2:.0f}" for name, t in tried.items())
-        )
-        name = max(
-            tried, key=lambda n: model.chi2 - tried[n].chi2 - 2 * (len(tried[n].free.names) - len(model.free.names))
-        )
+        tell(", ".join(f"{name} {model.chi2 - t.chi2:.0f}" for name, t in tried.items()))
+        name = max(tried, key=lambda n: model.chi2 - tried[n].chi2 - 2 * len(tried[n].free.names))
         grown = fit(tried[name].data, tried[name].free, start=tried[name].point.vector, known=tried[name])
-        if model.chi2 - grown.chi2 < scores.threshold() ** 2 or not _inside(grown, name):
+        if model.chi2 - grown.chi2 < scores.threshold(LEVEL) ** 2 or not _inside(grown, name):
             break
-        model, p_values[name] = grown, p_value
-    model, p_values = _backward(model, p_values, library, null)
-    named = [_named(model, baseline, name, p, library, null) for name, p in p_values.items()]
-    return model, sorted(named, key=lambda item: -item.gain)
+        model = grown
+    return _backward(model, baseline, library, null)
+
+
+def added(model: Fit, baseline: Fit) -> list[Effect]:
+    """Return the effects that the model has and the baseline has not."""
+    known = {effect.name for effect in baseline.parameters.effects}
+    return [effect for effect in model.parameters.effects if effect.name not in known]
 
 
 def refits(model: Fit, library: Library, scores: Screen, most: int = SHORTLIST) -> dict[str, Fit]:
@@ -183,26 +193,36 @@ def without(model: Fit, name: str) -> Fit:
     return fit(model.data, freed(parameters, model.free), known=model, secant=True)
 
 
-def _backward(model: Fit, p_values: dict[str, float], library: Library, null: Null) -> tuple[Fit, dict[str, float]]:
+def _backward(model: Fit, baseline: Fit, library: Library, null: Null) -> Fit:
     """Drop effects that the later ones have made unnecessary."""
-    for name in list(p_values):
-        if len(p_values) < 2:
+    for effect in added(model, baseline):
+        if len(added(model, baseline)) < 2:
             break
-        fewer = without(model, name)
-        if fewer.chi2 - model.chi2 < library.screen(fewer, null).threshold() ** 2:
+        fewer = without(model, effect.name)
+        if fewer.chi2 - model.chi2 < library.screen(fewer, null).threshold(LEVEL) ** 2:
             model = fit(fewer.data, fewer.free, start=fewer.point.vector)
-            p_values = {n: p for n, p in p_values.items() if n != name}
-    return model, p_values
+    return model
 
 
-def _named(model: Fit, baseline: Fit, name: str, p_value: float, library: Library, null: Null) -> Named:
-    """Compare an effect of the model with those that could stand in its place."""
-    effect = next(e for e in model.parameters.effects if e.name == name)
-    rest = without(model, name) if len(model.parameters.effects) > 1 else baseline
-    others = refits(rest, library, library.screen(rest, null))
-    losses = {other: fitted.chi2 - model.chi2 for other, fitted in others.items() if other != name}
-    close = {other: loss for other, loss in sorted(losses.items(), key=lambda item: item[1]) if loss < INDISTINCT}
-    return Named(effect, rest.chi2 - model.chi2, p_value, close)
+def named(model: Fit, baseline: Fit, library: Library, null: Null) -> list[Named]:
+    """Return the named effects of a model, strongest first, each with those that could stand in its place."""
+    found = [_named(model, baseline, effect, library, null) for effect in added(model, baseline)]
+    return sorted(found, key=lambda item: -item.gain)
+
+
+def _named(model: Fit, baseline: Fit, effect: Effect, library: Library, null: Null) -> Named:
+    rest = without(model, effect.name) if len(added(model, baseline)) > 1 else baseline
+    scores = library.screen(rest, null)
+    own = [k for k, candidate in enumerate(library.chosen) if candidate.name == effect.name]
+    gain = rest.chi2 - model.chi2
+    limit = max(INDISTINCT, FORM_ERROR**2 * gain)
+    losses = {
+        other: fitted.chi2 - model.chi2
+        for other, fitted in refits(rest, library, scores).items()
+        if other != effect.name
+    }
+    close = {other: loss for other, loss in sorted(losses.items(), key=lambda item: item[1]) if loss < limit}
+    return Named(effect, gain, scores.p_value(np.abs(scores.z[own]).max()), close)
 
 
 def strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, float | str]]:

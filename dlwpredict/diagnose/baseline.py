@@ -1,0 +1,91 @@
+"""The baseline: what the model without any further effect makes of the recordings, noise included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlwpredict.calibrate.fast import fast
+from dlwpredict.calibrate.problem import Point, Problem
+from dlwpredict.calibrate.recordings import Recording
+from dlwpredict.diagnose.freeform import smooth_forms
+from dlwpredict.diagnose.noise_fit import NoiseEstimate, estimate
+from dlwpredict.flat import Free
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import predict
+
+ALIKE = 1e-6
+"""Share of the largest energy below which a direction is dropped."""
+
+
+def calibrated(recordings: Sequence[Recording], free: Free, seed: int) -> Point:
+    """Fit by robust least squares, lateral shifts free: the start of the likelihood."""
+    problem = Problem(tuple(recordings), free).with_loss_scaled(
+        Problem(tuple(recordings), free).at(free.start), robust=True
+    )
+    return fast(problem, problem.at(free.start), seed=seed)
+
+
+def noises(
+    recordings: Sequence[Recording],
+    residuals_um: Sequence[np.ndarray],
+    designs: Sequence[np.ndarray],
+    repeats: Sequence[Sequence[HeightMap]],
+) -> list[NoiseEstimate]:
+    """Estimate every recording's noise: from its repeats where there are any, else from the residual.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    residuals_um : sequence of numpy.ndarray, shape (rows, cols)
+        Recording − prediction, 0 where a point does not count.
+    designs : sequence of numpy.ndarray, shape (columns, rows, cols)
+        What may be in the residual besides noise: derivatives, signatures of named effects, smooth forms.
+    repeats : sequence of sequence of HeightMap
+        Further recordings of the same print, on the same grid, for each recording; may be empty.
+    """
+    found = []
+    for recording, residual, design, others in zip(recordings, residuals_um, designs, repeats, strict=True):
+        used, pitch = recording.used, (recording.target.dx_um, recording.target.dy_um)
+        if others:
+            difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
+            both = used & np.isfinite(difference)
+            level = smooth_forms(recording.target)
+            found.append(
+                estimate(np.where(both, difference, 0.0), both, pitch, compressed(level, both), source="repeats")
+            )
+        else:
+            found.append(estimate(residual, used, pitch, compressed(design, used)))
+    return found
+
+
+def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return an orthogonal set of the same span, without what is nearly a combination of the others.
+
+    Parameters
+    ----------
+    columns : numpy.ndarray, shape (columns, rows, cols)
+    used : numpy.ndarray of bool, shape (rows, cols)
+    """
+    values = columns[:, used].T
+    sizes = np.linalg.norm(values, axis=0)
+    values = values[:, sizes > 0] / sizes[sizes > 0]
+    energies, vectors = np.linalg.eigh(values.T @ values)
+    real = energies > ALIKE * energies[-1]
+    maps = np.zeros((int(real.sum()), *used.shape))
+    maps[:, used] = ((values @ vectors[:, real]) / np.sqrt(energies[real])).T * np.sqrt(used.sum())
+    return maps
+
+
+def discretisation_um(recording: Recording, parameters: ParameterSet) -> np.ndarray:
+    """Return what the prediction changes on pixels of half the size, µm, shape (rows, cols).
+
+    Two honest discretisations of the same physics differ by this much; it is free in every fit, within its prior.
+    """
+    target = recording.target
+    fine = HeightMap(np.kron(target.heights_um, np.ones((2, 2))), target.dx_um / 2, target.dy_um / 2)
+    on_fine = predict(fine, parameters, as_measured=True).heights_um
+    mean = on_fine.reshape(target.shape[0], 2, target.shape[1], 2).mean(axis=(1, 3))
+    return np.nan_to_num(mean - predict(target, parameters, as_measured=True).heights_um)

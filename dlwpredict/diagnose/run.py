@@ -1,0 +1,186 @@
+"""`diagnose`: from pairs of target and recording to what is missing in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlwpredict.calibrate.recordings import Recording, check_points
+from dlwpredict.diagnose import left_out
+from dlwpredict.diagnose.around import Around
+from dlwpredict.diagnose.baseline import calibrated, noises
+from dlwpredict.diagnose.competitor import Energy, Forms, agreement, energy
+from dlwpredict.diagnose.evidence import Whitened
+from dlwpredict.diagnose.fit import Fit, bare, fit
+from dlwpredict.diagnose.left_out import LeftOut
+from dlwpredict.diagnose.noise_fit import NoiseEstimate
+from dlwpredict.diagnose.screen import Null, Screen
+from dlwpredict.diagnose.select import Library, Named, freed, named, select
+from dlwpredict.flat import choose
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise import Noise
+from dlwpredict.parameters import ParameterSet
+
+LEVEL = 0.025
+"""Probability that noise alone is called structure; the naming of effects takes as much again."""
+
+PASSES = 3
+"""Times that noise and choice are repeated at most, until the noise stays what it was."""
+
+ALIKE = 0.15
+"""Noise models whose strength and length differ by less than this share are the same."""
+
+EXPLAINED = 0.9
+"""The named effects must explain this share of what the free forms explain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A fit, what free forms still find in its residual, and how it predicts what it has not seen.
+
+    Parameters
+    ----------
+    fit : Fit
+    rest : Energy
+        What free forms explain of the residual.
+    blocks, recordings : LeftOut or None
+        Errors on blocks and on whole recordings that the fit had not seen.
+    """
+
+    fit: Fit
+    rest: Energy
+    blocks: LeftOut | None
+    recordings: LeftOut | None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the recordings say about the model.
+
+    Parameters
+    ----------
+    recordings : tuple of Recording
+    noises : tuple of NoiseEstimate
+    baseline, extended : Model
+        The same object where nothing was named.
+    named : tuple of Named
+        Effects that were added, strongest first.
+    library : Library
+    screen : Screen
+        Scores beside the baseline.
+    null : Null
+    forms : Forms
+    agreement : Energy or None
+        Whether every recording alone would give the same parameters.
+    """
+
+    recordings: tuple[Recording, ...]
+    noises: tuple[NoiseEstimate, ...]
+    baseline: Model
+    extended: Model
+    named: tuple[Named, ...]
+    library: Library
+    screen: Screen
+    null: Null
+    forms: Forms
+    agreement: Energy | None
+
+    @property
+    def explained(self) -> float:
+        """Share of what free forms explain that the named effects explain, 0 to 1."""
+        whole = self.baseline.rest.excess
+        return float(np.clip(1 - max(self.extended.rest.excess, 0) / whole, 0, 1)) if whole > 0 else 1.0
+
+    @property
+    def verdict(self) -> str:
+        """The strongest statement that the data allow: identified, ambiguous, unexplained or none."""
+        if self.extended.rest.p_value < LEVEL and self.explained < EXPLAINED:
+            return "unexplained"
+        if not self.named:
+            return "none"
+        return "ambiguous" if self.named[0].alternatives else "identified"
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    start: ParameterSet,
+    *,
+    repeats: Sequence[Sequence[HeightMap]] | None = None,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """Find out what the model lacks.
+
+    Calibrate; estimate the noise beside everything that might be in the residual; fit by maximum likelihood; score all
+    named effects; refit and choose; judge the choice by free forms and by data left out. Once effects are named, the
+    noise is estimated again beside them, and the choice repeated with it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        From `prepare`.
+    start : ParameterSet
+        Effects that it holds belong to the baseline.
+    repeats : sequence of sequence of HeightMap, optional
+        Further recordings of the same prints, for each recording.
+    seed : int
+    tell : function of str
+        Told what goes on.
+
+    Raises
+    ------
+    ResultError
+        Too few points.
+    """
+    check_points(recordings)
+    recordings = tuple(bare(recording) for recording in recordings)
+    repeats = repeats or [()] * len(recordings)
+    free = freed(start, choose(start))
+    tell("calibrating")
+    point = calibrated(recordings, free, seed)
+    tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
+    around = Around.of(recordings, free, point)
+    noise, model, vector = noises(recordings, around.residuals_um(), around.designs, repeats), None, point.vector
+    for _ in range(PASSES):
+        tell("noise " + ", ".join(f"{1e3 * n.model.sigma_um:.1f} nm over {n.model.length_um:.1f} µm" for n in noise))
+        data = [
+            Whitened.of(r, n.model, fine)
+            for r, n, fine in zip(recordings, noise, around.discretisation_um, strict=True)
+        ]
+        baseline = fit(data, free, start=vector)
+        library, null = Library.of(around, data), Null.of(data, noise, seed)
+        begun = fit(data, model.free, start=model.point.vector) if model else None
+        model = select(baseline, library, null, start=begun, tell=tell)
+        if model is baseline:
+            break
+        vector, residuals = baseline.point.vector, [np.nan_to_num(model.residual_um(k)) for k in range(len(data))]
+        before, noise = noise, noises(recordings, residuals, around.designs, repeats)
+        if all(_alike(a.model, b.model) for a, b in zip(noise, before, strict=True)):
+            break
+    tell("judging")
+    forms = Forms.of(baseline)
+    judged = _judged(baseline, forms, null)
+    return Diagnosis(
+        recordings,
+        tuple(noise),
+        judged,
+        judged if model is baseline else _judged(model, forms, null),
+        tuple(named(model, baseline, library, null)),
+        library,
+        library.screen(baseline, null),
+        null,
+        forms,
+        agreement(baseline, null),
+    )
+
+
+def _judged(fitted: Fit, forms: Forms, null: Null) -> Model:
+    rest = energy(fitted, forms.columns(forms.every), null)
+    return Model(fitted, rest, left_out.blocks(fitted), left_out.recordings(fitted))
+
+
+def _alike(one: Noise, other: Noise) -> bool:
+    """Tell whether two models of noise are the same to the accuracy that estimates have."""
+    return all(abs(np.log(getattr(one, name) / getattr(other, name))) < ALIKE for name in ("sigma_um", "length_um"))
