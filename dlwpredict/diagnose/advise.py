@@ -1,0 +1,401 @@
+"""Which further recording would tell apart what the present ones cannot.
+
+Every recording that could be made is simulated with the fitted process, noise and nuisances included. Two effects are
+as far apart as what is left of one, over the present recordings and the new one together, once the parameters, the
+nuisances and any strength of the other have imitated what they can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import groupby, permutations
+
+import numpy as np
+
+from dlwpredict.calibrate.problem import STEP_OF_RANGE, STEP_OF_VALUE
+from dlwpredict.calibrate.recordings import WALL_PX, coarser, prepare
+from dlwpredict.calibrate.trace import trace
+from dlwpredict.designs import KINDS
+from dlwpredict.diagnose.baseline import discretisation_um
+from dlwpredict.diagnose.evidence import Whitened, nuisance_fit, prior_rows, stack
+from dlwpredict.diagnose.fit import Fit, bare
+from dlwpredict.diagnose.select import FORM_ERROR
+from dlwpredict.effects.base import Effect
+from dlwpredict.flat import Free
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import Levels
+from dlwpredict.noise import FLOOR, Noise
+from dlwpredict.parameters import ParameterSet
+
+SURE = 5.0
+"""Standard deviations at which two effects count as told apart; nothing dearer is then looked for ..."""
+
+LEAST = 3.0
+"""... and below which a recording is not worth making."""
+
+MORE = 1.2
+"""A turn must bring this many times what recording the same once more would: else it is no better than any repeat."""
+
+SIMULATED_PX = 100
+"""Simulated maps have at most about this many pixels a side."""
+
+MOST_PRESENT = 3
+"""Of the present targets, those that show most of the class are varied."""
+
+MARGIN = 0.1
+"""Bare substrate on each side of a new design, as a share of the present field."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to record next.
+
+    Parameters
+    ----------
+    sentence : str
+        For the bench.
+    command : str or None
+        Makes the design, where it is a new one.
+    separation : float
+        Expected standard deviations between the closest two members.
+    setup : str
+        Short name; "none" where nothing that was simulated helps.
+    """
+
+    sentence: str
+    command: str | None
+    separation: float
+    setup: str
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A recording that could be made.
+
+    Parameters
+    ----------
+    name : str
+    cost : int
+        0 = another recording of a present print, 1 = a present target printed again, 2 = a new target.
+    action : str
+        What to do, as the beginning of a sentence.
+    target : HeightMap
+        In the frame of the sample, on the pixels of the simulation.
+    print_turns, view_turns : int
+        Quarter turns, counter-clockwise, of the part in the printer and of the sample under the microscope.
+    command : str or None
+    """
+
+    name: str
+    cost: int
+    action: str
+    target: HeightMap
+    print_turns: int = 0
+    view_turns: int = 0
+    command: str | None = None
+
+    @property
+    def unturned(self) -> Setup:
+        """The same without turning anything."""
+        return replace(self, print_turns=0, view_turns=0)
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How far apart the closest two members of a class are.
+
+    Parameters
+    ----------
+    sd : float
+        Standard deviations.
+    share : float
+        The same as a share of the signature that can be seen at all.
+    """
+
+    sd: float
+    share: float
+
+    @property
+    def worth(self) -> float:
+        """At least 1 where the two count as told apart; no formula is trusted further than `FORM_ERROR`."""
+        return min(self.sd / SURE, self.share / FORM_ERROR)
+
+
+def advise(fitted: Fit, members: Sequence[Effect], *, setups: Sequence[Setup] | None = None) -> Advice | None:
+    """Find the recording that would separate effects which these data cannot tell apart.
+
+    Parameters
+    ----------
+    fitted : Fit
+        The baseline, without the members.
+    members : sequence of Effect
+        Each at its fitted strength.
+    setups : sequence of Setup, optional
+        What could be recorded; default `setups_for`.
+
+    Returns
+    -------
+    Advice or None
+        None for fewer than two members. The cheapest recording that is enough, else the one that separates best.
+    """
+    if len(members) < 2:
+        return None
+    columns = present_columns(fitted, members)
+    present = triangle_of(columns, fitted.nuisances)
+    simulate = simulator(fitted, members)
+    free = len(fitted.free.names)
+
+    def expected(setup: Setup) -> Separation:
+        return separation(np.vstack([present, simulate(setup)]), free)
+
+    found: list[tuple[Setup, Separation]] = []
+    possible = setups_for(fitted, members, columns) if setups is None else setups
+    for _, equal in groupby(sorted(possible, key=lambda setup: setup.cost), key=lambda setup: setup.cost):
+        for setup in equal:
+            apart = expected(setup)
+            if not (setup.print_turns or setup.view_turns) or apart.sd > MORE * expected(setup.unturned).sd:
+                found.append((setup, apart))
+        if any(apart.worth >= 1 for _, apart in found):
+            break
+    best = max(found, key=lambda item: item[1].worth, default=None)
+    return worded(members, separation(present, free), best)
+
+
+def separation(rows: np.ndarray, free: int) -> Separation:
+    """Return how far the closest two members are apart.
+
+    Parameters
+    ----------
+    rows : numpy.ndarray, shape (rows, free + members)
+        Whitened derivatives by the free parameters, then the signatures, beside the nuisances.
+    free : int
+    """
+    unit = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
+    parameters = range(free)
+    apart = []
+    for one, other in permutations(range(free, rows.shape[1]), 2):
+        visible = np.linalg.norm(_left(rows[:, one], unit[:, parameters]))
+        sd = np.linalg.norm(_left(rows[:, one], unit[:, [*parameters, other]]))
+        apart.append(Separation(float(sd), float(sd / max(visible, 1e-12))))
+    return min(apart, key=lambda pair: pair.worth)
+
+
+def _left(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return what the columns cannot imitate."""
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0]
+
+
+def triangle_of(columns: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
+    """Return columns beside orthonormal nuisances as a triangle with the same scalar products."""
+    return np.linalg.qr(columns - nuisances @ (nuisances.T @ columns), mode="r")
+
+
+def present_columns(fitted: Fit, members: Sequence[Effect]) -> np.ndarray:
+    """Return whitened derivatives and signatures on the present recordings, shape (rows, free + members)."""
+    parameters, white = fitted.parameters, []
+    for item, known in zip(fitted.data, fitted.point.traces, strict=True):
+        changed = [trace(item.recording.target, _with(parameters, m), known.numerics, known) for m in members]
+        white.append(item.white(np.nan_to_num([new.heights_um - known.heights_um for new in changed])))
+    return np.column_stack([fitted.jacobian, stack(white, prior_rows(len(fitted.data)))])
+
+
+def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup], np.ndarray]:
+    """Return the function that simulates a setup: its triangle, in the columns of `present_columns`."""
+    parameters, vector = fitted.parameters, fitted.point.vector
+    moved = [neighbour(fitted.free, vector, k) for k in range(len(vector))]
+    widths = np.array([place[k] - vector[k] for k, place in enumerate(moved)])
+    sets = [parameters, *(fitted.free.parameters(place) for place in moved), *(_with(parameters, m) for m in members)]
+    numerics = Levels(threads=1)
+
+    @cache
+    def printed(target: HeightMap, turns: int) -> tuple[Whitened, list[HeightMap]]:
+        """Print a target with every set of parameters; surfaces in the frame of the sample."""
+        written, first, surfaces = turned(target, turns), None, []
+        for each in sets:
+            made = trace(written, _printing(each), numerics, first)
+            first = first or made
+            surfaces.append(turned(written.with_heights(made.heights_um), -turns))
+        return recording_of(target, surfaces[0], fitted), surfaces
+
+    def simulate(setup: Setup) -> np.ndarray:
+        item, surfaces = printed(setup.target, setup.print_turns)
+        seen = np.stack([viewed(s, each, setup.view_turns) for s, each in zip(surfaces, sets, strict=True)])
+        changes = np.nan_to_num(seen[1:] - seen[0])
+        changes[: len(widths)] /= widths[:, None, None]
+        columns = item.white(changes)
+        _, nuisances = nuisance_fit([item.white(item.nuisance_maps(np.nan_to_num(seen[0])))], [np.zeros(len(columns))])
+        return triangle_of(stack([columns], prior_rows(1)), nuisances)
+
+    return simulate
+
+
+def recording_of(target: HeightMap, surface: HeightMap, fitted: Fit) -> Whitened:
+    """Return a recording of a simulated surface with the noise of the present ones."""
+    own = min(item.recording.target.dx_um * item.recording.target.dy_um for item in fitted.data)
+    share = np.sqrt(own / (target.dx_um * target.dy_um))
+    wall_px = max(int(np.ceil(WALL_PX * share)), 1)
+    recording = bare(prepare(target, surface, wall_px=wall_px))
+    noise = sorted((item.noise for item in fitted.data), key=lambda n: n.sigma_um)[len(fitted.data) // 2]
+    return Whitened.of(recording, on_pixels(noise, target), discretisation_um(recording, fitted.parameters))
+
+
+def on_pixels(noise: Noise, grid: HeightMap) -> Noise:
+    """Return the noise on other pixels: its white part averages out over wider ones."""
+    share = np.sqrt(noise.dx_um * noise.dy_um / (grid.dx_um * grid.dy_um))
+    white = max(noise.white_um * share, FLOOR * noise.sigma_um)
+    return replace(noise, white_um=white, dx_um=grid.dx_um, dy_um=grid.dy_um)
+
+
+def neighbour(free: Free, vector: np.ndarray, k: int) -> np.ndarray:
+    """Return a place one finite step along parameter k, inside the bounds, shape (parameters,)."""
+    size = max(STEP_OF_RANGE * (free.high[k] - free.low[k]), STEP_OF_VALUE * abs(vector[k]))
+    unit = np.eye(len(vector))[k]
+    return max((free.allowed(vector + s * unit) for s in (size, -size)), key=lambda place: abs(place[k] - vector[k]))
+
+
+def turned(part: HeightMap, quarters: int) -> HeightMap:
+    """Return a map turned counter-clockwise by quarter turns."""
+    dx_um, dy_um = (part.dx_um, part.dy_um) if quarters % 2 == 0 else (part.dy_um, part.dx_um)
+    return HeightMap(np.rot90(part.heights_um, quarters), dx_um, dy_um)
+
+
+def viewed(surface: HeightMap, parameters: ParameterSet, quarters: int) -> np.ndarray:
+    """Return what the microscope shows of a turned sample, turned back, µm, shape (rows, cols)."""
+    shown = turned(surface, quarters)
+    for effect in parameters.effects:
+        if effect.stage == "recording":
+            shown = effect(shown)
+    return turned(shown, -quarters).heights_um
+
+
+def _with(parameters: ParameterSet, effect: Effect) -> ParameterSet:
+    return replace(parameters, effects=(*parameters.effects, effect))
+
+
+def _printing(parameters: ParameterSet) -> ParameterSet:
+    """Return the process without what only the microscope does."""
+    return replace(parameters, effects=tuple(e for e in parameters.effects if e.stage != "recording"))
+
+
+def setups_for(fitted: Fit, members: Sequence[Effect], columns: np.ndarray) -> list[Setup]:
+    """Return what could be recorded to tell the members apart; `columns` are those of `present_columns`."""
+    frames = {member.frame for member in members}
+    present = telling(fitted, columns[:, -len(members) :])
+    return [setup for k in present for setup in _of_present(fitted, k, frames)] + new_designs(fitted)
+
+
+def telling(fitted: Fit, signatures: np.ndarray) -> list[int]:
+    """Return the present recordings that show most of the members, at most `MOST_PRESENT`."""
+    basis = fitted.basis
+    own = signatures - basis @ (basis.T @ signatures)
+    energy = np.sum((own / np.maximum(np.linalg.norm(own, axis=0), 1e-12)) ** 2, axis=1)
+    ends = np.cumsum([item.recording.points for item in fitted.data])
+    shares = [part.sum() for part in np.split(energy, ends)[: len(ends)]]
+    return [int(k) for k in np.argsort(shares)[::-1][:MOST_PRESENT]]
+
+
+def _of_present(fitted: Fit, k: int, frames: set[str]) -> list[Setup]:
+    """Return recordings of a present sample, and prints of a present target; turns where they move anything."""
+    recording = fitted.data[k].recording
+    target, name = coarser(recording, -(-max(recording.target.shape) // SIMULATED_PX)).target, recording.name
+    found = []
+    if "instrument" in frames:
+        found += [
+            Setup(f"sample turned {90 * turns}°", 0,
+                  f"Record {name} once more with the sample turned by {90 * turns}° under the microscope",
+                  target, view_turns=turns)
+            for turns in (1, 2)
+        ]  # fmt: skip
+    if "printer" in frames:
+        action = f"Print {name} once more turned by 90° in the printer, and record it as before"
+        found.append(Setup(f"{name} printed turned 90°", 1, action, target, print_turns=1))
+    base = float(target.heights_um[target.heights_um > 0].min())
+    if base > target.heights_um.max() / 10:
+        for share, words in ((0.5, "half"), (2.0, "twice")):
+            heights = np.where(target.heights_um > 0, target.heights_um + (share - 1) * base, 0.0)
+            action = f"Print and record {name} on a base {words} as high ({share * base:.3g} instead of {base:.3g} µm)"
+            found.append(Setup(f"{name} on {words} the base", 2, action, target.with_heights(heights)))
+    return found
+
+
+def new_designs(fitted: Fit) -> list[Setup]:
+    """Return new targets of about the size, pitch and height of the present ones, on bare substrate."""
+    targets = [item.recording.target for item in fitted.data]
+    field = max(targets, key=lambda target: min(target.size_um))
+    top_um = float(f"{np.median([target.heights_um.max() for target in targets]):.3g}")
+    px = max(field.dx_um, field.dy_um)
+    pixels = int(min(field.size_um) / px + 1e-6)
+    margin = int(np.ceil(MARGIN * pixels))
+    side_um = (pixels - 2 * margin) * px
+    shared = {"size_um": side_um, "margin_um": margin * px}
+    coarse = px * max(pixels / SIMULATED_PX, 1)
+    found = []
+    for name, (kind, own) in kinds(side_um, top_um, coarse).items():
+        options = {key: v if isinstance(v, int) else float(f"{v:.4g}") for key, v in (shared | own).items()}
+        pitches = {"pitch_um": field.dx_um} | ({"pitch_y_um": field.dy_um} if field.dy_um != field.dx_um else {})
+        words = " ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in (options | pitches).items())
+        command = f"dlwpredict design {kind} -o {name}.tif {words}"
+        action = f"Print and record one more structure, {name}.tif ({KINDS[kind].meaning.split(':')[0]})"
+        found.append(Setup(name, 2, action, KINDS[kind](**options, pitch_um=coarse), command=command))
+    return found
+
+
+def kinds(side_um: float, top_um: float, px_um: float) -> dict[str, tuple[str, dict[str, float]]]:
+    """Return name, kind and options of the designs that are tried.
+
+    Parameters
+    ----------
+    side_um : float
+        Footprint.
+    top_um : float
+        Height of the present targets.
+    px_um : float
+        Pixel of the simulation: nothing is to be narrower than four.
+    """
+
+    def width(share: float) -> float:
+        return max(share * side_um, 4 * px_um)
+
+    low = {"base_um": 0.3 * top_um, "height_um": 0.3 * top_um, "period_um": width(1 / 6)}
+    return {
+        "pads": ("pads", {"height_um": top_um, "low_um": 0.4 * top_um, "count": 3, "width_um": 0.2 * side_um}),
+        "many-pads": ("pads", {"height_um": top_um, "low_um": 0.4 * top_um, "count": 5, "width_um": 0.13 * side_um}),
+        "stairs": ("stairs", {"base_um": 0.25 * top_um, "height_um": top_um, "count": 4,
+                              "feature_um": 0.1 * side_um, "feature_height_um": 0.15 * top_um}),
+        "tall-stairs": ("stairs", {"base_um": 0.5 * top_um, "height_um": 1.5 * top_um, "count": 4, "feature_um": 0}),
+        "posts": ("posts", {"height_um": top_um, "count": 4,
+                            "width_min_um": min(width(0.05), 0.1 * side_um), "width_max_um": 0.18 * side_um}),
+        "grating": ("grating", low),
+        "grating-across": ("grating", low | {"angle_deg": 90}),
+        "blaze": ("blaze", low),
+        "blaze-across": ("blaze", low | {"angle_deg": 90}),
+        "cin": ("cin", {"base_um": 0.5 * top_um, "height_um": 0.3 * top_um,
+                        "period_min_um": width(0.06), "period_max_um": width(0.28)}),
+        "air": ("air", {"base_um": 0.4 * top_um, "height_um": 0.6 * top_um, "correlation_um": width(1 / 8), "seed": 1}),
+        "lens": ("lens", {"height_um": min(0.8 * top_um, 0.4 * side_um), "base_um": 0.2 * top_um}),
+    }  # fmt: skip
+
+
+def worded(members: Sequence[Effect], now: Separation, best: tuple[Setup, Separation] | None) -> Advice:
+    """Say what to record, and what to expect of it."""
+    names = [member.name for member in members]
+    pair = " and ".join(names) if len(names) == 2 else f"the closest two of {', '.join(names[:-1])} and {names[-1]}"
+    if best is None or best[1].worth < LEAST / SURE:
+        tried = f" (best: {best[0].name}, {_expected(best[1])})" if best else ""
+        others = "; or ".join(dict.fromkeys(member.separated_by for member in members))
+        sentence = f"No recording that was simulated tells {pair} apart{tried}. What can: {others}."
+        return Advice(sentence, None, max(best[1].sd if best else 0.0, now.sd), "none")
+    setup, apart = best
+    sentence = f"{setup.action}: {pair} are then {_expected(apart)}, now {_number(now.sd)}."
+    return Advice(sentence, setup.command, apart.sd, setup.name)
+
+
+def _expected(apart: Separation) -> str:
+    small = f", {100 * apart.share:.0f} % of the effect" if apart.share < FORM_ERROR else ""
+    return f"expected {_number(apart.sd)} standard deviations apart{small}"
+
+
+def _number(sd: float) -> str:
+    return f"{sd:.0f}" if sd >= 10 else f"{sd:.1f}"
