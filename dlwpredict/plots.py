@@ -6,6 +6,7 @@ interface of matplotlib is used: no global state, no display.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import matplotlib
@@ -165,12 +166,19 @@ def comparison(
 
 
 def save(path: Path | str, figure: Figure, *, dpi: float = 200) -> None:
-    """Write a figure whole or not at all; the same figure gives the same bytes (no date, no program name)."""
-    kind = Path(path).suffix.lower().lstrip(".")
+    """Write a figure whole or not at all; the same figure gives the same bytes."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(drawn(figure, Path(path).suffix.lower().lstrip("."), dpi=dpi))
+
+
+def drawn(figure: Figure, kind: str, *, dpi: float = 200) -> bytes:
+    """Return a figure as png, pdf or svg; the same figure gives the same bytes (no date, no program name)."""
     silent = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
         "svg": {"Date": None, "Creator": None},
     }
-    with replacing(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "dlwpredict"}):
-        figure.savefig(temporary, format=kind, dpi=dpi, metadata=silent.get(kind))
+    buffer = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "dlwpredict"}):
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=silent.get(kind))
+    return buffer.getvalue()

@@ -24,6 +24,7 @@ LAYERS = [
     {"diagnose"},
     {"files"},
     {"plots"},
+    {"pages"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -1,0 +1,134 @@
+"""Numbers as a reader at the bench wants them: rounded to what is known, with a unit, a dash where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+NONE = "–"
+"""Stands where there is no number."""
+
+VERDICTS = {
+    "identified": "one effect is named",
+    "ambiguous": "several effects would do",
+    "unexplained": "no named effect explains it",
+    "none": "nothing beyond noise",
+}
+
+
+def length(value_um: float | None) -> str:
+    """Return a small length with its unit: nm below 1 µm.
+
+    Examples
+    --------
+    >>> length(0.02134), length(1.5), length(None)
+    ('21.3 nm', '1.50 µm', '–')
+    """
+    if _absent(value_um):
+        return NONE
+    return f"{significant(1e3 * value_um)} nm" if abs(value_um) < 0.9995 else f"{significant(value_um)} µm"
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """Return a number with so many significant digits, trailing zeros kept, no exponent between 1e-4 and 1e6.
+
+    Examples
+    --------
+    >>> significant(0.1), significant(1234.5), significant(-2e-7), significant(0)
+    ('0.100', '1234', '-2.00e-07', '0')
+    """
+    if _absent(value):
+        return NONE
+    if value == 0:
+        return "0"
+    power = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -5 < power < 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - 1 - power, 0)}f}"
+
+
+def probability(value: float | None) -> str:
+    r"""Return a p-value; below 0.0001 only that.
+
+    Examples
+    --------
+    >>> probability(0.0312), probability(1e-9)
+    ('0.031', '<\xa00.0001')
+    """
+    if _absent(value):
+        return NONE
+    return "<\xa00.0001" if value < 1e-4 else significant(value, 2)
+
+
+def percent(share: float | None) -> str:
+    """Return a share of 1 in per cent.
+
+    Examples
+    --------
+    >>> percent(0.614)
+    '61 %'
+    """
+    return NONE if _absent(share) else f"{100 * share:.0f} %"
+
+
+def estimate(parameter: Mapping[str, Any]) -> str:
+    """Return value, 95 % interval and unit of an estimated parameter; its keys are value, low, high, unit.
+
+    Examples
+    --------
+    >>> estimate({"value": 0.10213, "low": 0.0911, "high": 0.1131, "unit": "1"})
+    '0.102 (0.091 to 0.113)'
+    >>> estimate({"value": 8.21, "low": 5.0, "high": 11.3, "unit": "µm"})
+    '8.2 (5.0 to 11.3) µm'
+    """
+    value, low, high = (parameter.get(key) for key in ("value", "low", "high"))
+    unit = "" if parameter.get("unit", "1") == "1" else f" {parameter['unit']}"
+    if _absent(low) or _absent(high) or not high > low:
+        return significant(value) + unit
+    places = max(0, 1 - math.floor(math.log10((high - low) / 2)))
+    return f"{value:.{places}f} ({low:.{places}f} to {high:.{places}f}){unit}"
+
+
+def change(rmse_um: Mapping[str, float | None] | None) -> str:
+    """Return an error before → after; a dash where there is none.
+
+    Examples
+    --------
+    >>> change({"before": 0.084, "after": 0.0312})
+    '84.0 nm → 31.2 nm'
+    """
+    if not rmse_um or all(_absent(rmse_um.get(key)) for key in ("before", "after")):
+        return NONE
+    return f"{length(rmse_um.get('before'))} → {length(rmse_um.get('after'))}"
+
+
+def separation(finding: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what would tell the members of a class apart, and the command for it; each may be empty.
+
+    ``separate_by`` is a text, a mapping with ``statement`` and ``command``, or nothing.
+    """
+    found = finding.get("separate_by") or ""
+    if isinstance(found, Mapping):
+        return found.get("statement") or "", found.get("command") or ""
+    return str(found), ""
+
+
+def sentence(content: Mapping[str, Any]) -> str:
+    """Return the verdict of a diagnosis in one sentence: its own where it has one."""
+    if said := content.get("sentence"):
+        return said
+    before, after = (content[model]["rmse_um"] for model in ("baseline", "extended"))
+    error = f"the error falls from {length(before)} to {length(after)}"
+    named = [finding["effects"] for finding in content["findings"]]
+    if content["verdict"] == "none":
+        return f"Nothing beyond the noise of {length(content['noise_um'])} is missing from the model."
+    if content["verdict"] == "unexplained":
+        return "The recordings differ from the prediction beyond noise, and no named effect explains most of it."
+    if content["verdict"] == "ambiguous":
+        return f"The model lacks one of {', '.join(named[0])}: {error}, and these recordings cannot tell which."
+    return f"The model lacks {' and '.join(effects[0] for effects in named)}: {error}."
+
+
+def _absent(value: float | None) -> bool:
+    return value is None or math.isnan(value)
