@@ -50,12 +50,13 @@ def descend(
             if jacobian is None:
                 turn = bending(problem.free, point.vector)
                 jacobian, fresh = [j @ turn for j in problem.jacobian(point)], True
-            found, kept, damping = _step(
+            found, kept, damped = _step(
                 problem, point, jacobian, damping, gain=gain, trials=MOST_TRIALS if fresh else 1
             )
             if found is not None or fresh:
                 break
-            jacobian = None
+            jacobian = None  # the fault may be the update's: the fresh one is not damped for it
+        damping = damped
         if found is None:
             return point
         jacobian, fresh = (_secant(problem.free, jacobian, point, found) if kept > TRUSTED else None), False

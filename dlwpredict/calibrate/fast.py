@@ -9,6 +9,7 @@ import numpy as np
 from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import coarser
+from dlwpredict.calibrate.straight import bent, straight
 
 STARTS = 3
 """Places to start from on the coarsest pixels: the given one, and seeded ones about it."""
@@ -48,7 +49,23 @@ def fast(problem: Problem, start: Point, *, seed: int = 0) -> Point:
         problem.work += coarse.work
         points = [problem.at(vectors[0]), start]
     best = min(points, key=lambda point: point.cost)
+    other = _refocused(problem, best.vector, start.vector)
+    places = [best] if np.array_equal(other, best.vector) else [best, problem.at(other, best)]
+    best = min((descend(problem, place, gain=1e-3, iterations=8) for place in places), key=lambda point: point.cost)
     return descend(problem, best, gain=GAIN, iterations=40)
+
+
+def _refocused(problem: Problem, vector: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return the vector with the focus of the start; the rise of flat tops is kept.
+
+    Coarse pixels do not resolve the focus: what they make of it may lie in another valley.
+    """
+    focus = [k for k, name in enumerate(problem.free.names) if name.startswith("exposure_fwhm")]
+    if np.array_equal(vector[focus], start[focus]):
+        return vector
+    coordinates = straight(problem.free, vector)
+    coordinates[focus] = start[focus]
+    return bent(problem.free, coordinates)
 
 
 def _factors(problem: Problem) -> list[int]:
