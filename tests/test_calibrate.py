@@ -8,6 +8,7 @@ import pytest
 from dlwpredict import designs
 from dlwpredict.calibrate import Problem, calibrate, near_walls, prepare
 from dlwpredict.calibrate.descend import descend
+from dlwpredict.calibrate.fast import refocused
 from dlwpredict.calibrate.loss import Huber, Square
 from dlwpredict.calibrate.recordings import check_points, coarser, with_nuisances
 from dlwpredict.calibrate.simplex import simplex
@@ -142,6 +143,15 @@ class TestStraight:
         here = straight(free, free.start)
         numeric = [(bent(free, here + 1e-6 * e) - bent(free, here - 1e-6 * e)) / 2e-6 for e in np.eye(len(here))]
         np.testing.assert_allclose(bending(free, free.start), np.array(numeric).T, atol=1e-7)
+
+    def test_another_focus_keeps_the_rise_of_flat_tops(self, air, printed):
+        problem = Problem((prepare(air, printed),), choose(TRUTH))
+        wide = problem.free.values(with_values(TRUTH, {"exposure_fwhm_z_um": 5.0, "threshold": 0.47}))
+        again = refocused(problem, wide, problem.free.start)
+        np.testing.assert_array_equal(again[:2], problem.free.start[:2])
+        rise = problem.free.index("threshold")
+        assert straight(problem.free, again)[rise] == pytest.approx(straight(problem.free, wide)[rise])
+        assert again[rise] < 0.47
 
 
 class TestDescent:

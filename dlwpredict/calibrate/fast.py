@@ -49,13 +49,13 @@ def fast(problem: Problem, start: Point, *, seed: int = 0) -> Point:
         problem.work += coarse.work
         points = [problem.at(vectors[0]), start]
     best = min(points, key=lambda point: point.cost)
-    other = _refocused(problem, best.vector, start.vector)
+    other = refocused(problem, best.vector, start.vector)
     places = [best] if np.array_equal(other, best.vector) else [best, problem.at(other, best)]
     best = min((descend(problem, place, gain=1e-3, iterations=8) for place in places), key=lambda point: point.cost)
     return descend(problem, best, gain=GAIN, iterations=40)
 
 
-def _refocused(problem: Problem, vector: np.ndarray, start: np.ndarray) -> np.ndarray:
+def refocused(problem: Problem, vector: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return the vector with the focus of the start; the rise of flat tops is kept.
 
     Coarse pixels do not resolve the focus: what they make of it may lie in another valley.
