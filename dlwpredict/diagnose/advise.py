@@ -13,9 +13,10 @@ from functools import cache
 from itertools import groupby, permutations
 
 import numpy as np
+from scipy import ndimage
 
 from dlwpredict.calibrate.problem import STEP_OF_RANGE, STEP_OF_VALUE
-from dlwpredict.calibrate.recordings import WALL_PX, coarser, prepare
+from dlwpredict.calibrate.recordings import WALL_PX, prepare
 from dlwpredict.calibrate.trace import trace
 from dlwpredict.designs import KINDS
 from dlwpredict.diagnose.baseline import discretisation_um
@@ -38,10 +39,16 @@ LEAST = 3.0
 MORE = 1.2
 """A turn must bring this many times what recording the same once more would: else it is no better than any repeat."""
 
-SIMULATED_PX = 100
-"""Simulated maps have at most about this many pixels a side."""
+FINE_PX, ROUGH_PX = 160, 100
+"""Simulated maps have at most this many pixels a side; fewer where many setups are compared first."""
 
-MOST_PRESENT = 3
+MOST_FINE = 4
+"""More setups of one cost than this are compared on rough pixels, and the best `BEST` of them on fine ones: lags and
+slopes look further apart on rough pixels than they are."""
+
+BEST = 3
+
+MOST_PRESENT = 2
 """Of the present targets, those that show most of the class are varied."""
 
 MARGIN = 0.1
@@ -82,7 +89,7 @@ class Setup:
     action : str
         What to do, as the beginning of a sentence.
     target : HeightMap
-        In the frame of the sample, on the pixels of the simulation.
+        In the frame of the sample, on the pixels of the present recordings.
     print_turns, view_turns : int
         Quarter turns, counter-clockwise, of the part in the printer and of the sample under the microscope.
     command : str or None
@@ -147,12 +154,15 @@ def advise(fitted: Fit, members: Sequence[Effect], *, setups: Sequence[Setup] | 
     simulate = simulator(fitted, members)
     free = len(fitted.free.names)
 
-    def expected(setup: Setup) -> Separation:
-        return separation(np.vstack([present, simulate(setup)]), free)
+    def expected(setup: Setup, *, rough: bool = False) -> Separation:
+        return separation(np.vstack([present, simulate(setup, rough)]), free)
 
     found: list[tuple[Setup, Separation]] = []
     possible = setups_for(fitted, members, columns) if setups is None else setups
-    for _, equal in groupby(sorted(possible, key=lambda setup: setup.cost), key=lambda setup: setup.cost):
+    for _, group in groupby(sorted(possible, key=lambda setup: setup.cost), key=lambda setup: setup.cost):
+        equal = list(group)
+        if len(equal) > MOST_FINE:
+            equal = sorted(equal, key=lambda setup: -expected(setup, rough=True).worth)[:BEST]
         for setup in equal:
             apart = expected(setup)
             if not (setup.print_turns or setup.view_turns) or apart.sd > MORE * expected(setup.unturned).sd:
@@ -201,26 +211,30 @@ def present_columns(fitted: Fit, members: Sequence[Effect]) -> np.ndarray:
     return np.column_stack([fitted.jacobian, stack(white, prior_rows(len(fitted.data)))])
 
 
-def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup], np.ndarray]:
-    """Return the function that simulates a setup: its triangle, in the columns of `present_columns`."""
+def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool], np.ndarray]:
+    """Return the function that simulates a setup, on rough pixels or not: its triangle, as of `present_columns`."""
     parameters, vector = fitted.parameters, fitted.point.vector
     moved = [neighbour(fitted.free, vector, k) for k in range(len(vector))]
     widths = np.array([place[k] - vector[k] for k, place in enumerate(moved)])
     sets = [parameters, *(fitted.free.parameters(place) for place in moved), *(_with(parameters, m) for m in members)]
+    present = {item.recording.target: item for item in fitted.data}
     numerics = Levels(threads=1)
+    resized = cache(fewer_pixels)
 
     @cache
-    def printed(target: HeightMap, turns: int) -> tuple[Whitened, list[HeightMap]]:
+    def printed(target: HeightMap, turns: int, rough: bool) -> tuple[Whitened, list[HeightMap]]:
         """Print a target with every set of parameters; surfaces in the frame of the sample."""
         written, first, surfaces = turned(target, turns), None, []
         for each in sets:
             made = trace(written, _printing(each), numerics, first)
             first = first or made
             surfaces.append(turned(written.with_heights(made.heights_um), -turns))
-        return recording_of(target, surfaces[0], fitted), surfaces
+        item = present[target] if target in present else simulated(target, surfaces[0], fitted, rough)
+        return item, surfaces
 
-    def simulate(setup: Setup) -> np.ndarray:
-        item, surfaces = printed(setup.target, setup.print_turns)
+    def simulate(setup: Setup, rough: bool) -> np.ndarray:
+        target = resized(setup.target, ROUGH_PX if rough else FINE_PX)
+        item, surfaces = printed(target, setup.print_turns, rough)
         seen = np.stack([viewed(s, each, setup.view_turns) for s, each in zip(surfaces, sets, strict=True)])
         changes = np.nan_to_num(seen[1:] - seen[0])
         changes[: len(widths)] /= widths[:, None, None]
@@ -231,14 +245,27 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup], np.nd
     return simulate
 
 
-def recording_of(target: HeightMap, surface: HeightMap, fitted: Fit) -> Whitened:
-    """Return a recording of a simulated surface with the noise of the present ones."""
-    own = min(item.recording.target.dx_um * item.recording.target.dy_um for item in fitted.data)
-    share = np.sqrt(own / (target.dx_um * target.dy_um))
-    wall_px = max(int(np.ceil(WALL_PX * share)), 1)
+def simulated(target: HeightMap, surface: HeightMap, fitted: Fit, rough: bool) -> Whitened:
+    """Return a recording of a simulated surface with the noise of the present ones.
+
+    The width left out at walls is theirs too; a rough one knows nothing of its discretisation.
+    """
+    item = sorted(fitted.data, key=lambda item: item.noise.sigma_um)[len(fitted.data) // 2]
+    noise = on_pixels(item.noise, target)
+    wall_px = max(round(WALL_PX * max(item.noise.dx_um, item.noise.dy_um) / max(target.dx_um, target.dy_um)), 1)
     recording = bare(prepare(target, surface, wall_px=wall_px))
-    noise = sorted((item.noise for item in fitted.data), key=lambda n: n.sigma_um)[len(fitted.data) // 2]
-    return Whitened.of(recording, on_pixels(noise, target), discretisation_um(recording, fitted.parameters))
+    fine = np.zeros(target.shape) if rough else discretisation_um(recording, fitted.parameters)
+    return Whitened.of(recording, noise, fine)
+
+
+def fewer_pixels(part: HeightMap, most: int) -> HeightMap:
+    """Return a map with at most so many pixels a side, read by linear interpolation; the same where it is small."""
+    ratio = max(part.shape) / most
+    if ratio <= 1:
+        return part
+    places = [(np.arange(int(n / ratio + 1e-9)) + 0.5) * ratio - 0.5 for n in part.shape]
+    read = ndimage.map_coordinates(part.heights_um, np.meshgrid(*places, indexing="ij"), order=1)
+    return HeightMap(read, part.dx_um * ratio, part.dy_um * ratio)
 
 
 def on_pixels(noise: Noise, grid: HeightMap) -> Noise:
@@ -298,8 +325,7 @@ def telling(fitted: Fit, signatures: np.ndarray) -> list[int]:
 
 def _of_present(fitted: Fit, k: int, frames: set[str]) -> list[Setup]:
     """Return recordings of a present sample, and prints of a present target; turns where they move anything."""
-    recording = fitted.data[k].recording
-    target, name = coarser(recording, -(-max(recording.target.shape) // SIMULATED_PX)).target, recording.name
+    target, name = fitted.data[k].recording.target, fitted.data[k].recording.name
     found = []
     if "instrument" in frames:
         found += [
@@ -330,15 +356,14 @@ def new_designs(fitted: Fit) -> list[Setup]:
     margin = int(np.ceil(MARGIN * pixels))
     side_um = (pixels - 2 * margin) * px
     shared = {"size_um": side_um, "margin_um": margin * px}
-    coarse = px * max(pixels / SIMULATED_PX, 1)
+    pitches = {"pitch_um": field.dx_um} | ({"pitch_y_um": field.dy_um} if field.dy_um != field.dx_um else {})
     found = []
-    for name, (kind, own) in kinds(side_um, top_um, coarse).items():
+    for name, (kind, own) in kinds(side_um, top_um, px).items():
         options = {key: v if isinstance(v, int) else float(f"{v:.4g}") for key, v in (shared | own).items()}
-        pitches = {"pitch_um": field.dx_um} | ({"pitch_y_um": field.dy_um} if field.dy_um != field.dx_um else {})
-        words = " ".join(f"--{key.replace('_', '-')} {value:g}" for key, value in (options | pitches).items())
+        words = " ".join(f"--{key.replace('_', '-')} {value:.10g}" for key, value in (options | pitches).items())
         command = f"dlwpredict design {kind} -o {name}.tif {words}"
         action = f"Print and record one more structure, {name}.tif ({KINDS[kind].meaning.split(':')[0]})"
-        found.append(Setup(name, 2, action, KINDS[kind](**options, pitch_um=coarse), command=command))
+        found.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
     return found
 
 
@@ -352,7 +377,7 @@ def kinds(side_um: float, top_um: float, px_um: float) -> dict[str, tuple[str, d
     top_um : float
         Height of the present targets.
     px_um : float
-        Pixel of the simulation: nothing is to be narrower than four.
+        Pixel: nothing is to be narrower than four.
     """
 
     def width(share: float) -> float:

@@ -1,0 +1,159 @@
+"""Advice on the next recording: what is expected of it, and whether it can be made."""
+
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dlwpredict import designs
+from dlwpredict.calibrate.recordings import prepare
+from dlwpredict.cli.app import app
+from dlwpredict.diagnose.advise import (
+    LEAST,
+    MORE,
+    SURE,
+    Setup,
+    advise,
+    new_designs,
+    present_columns,
+    separation,
+    simulator,
+    triangle_of,
+    turned,
+    viewed,
+)
+from dlwpredict.diagnose.evidence import Whitened
+from dlwpredict.diagnose.fit import bare, fit
+from dlwpredict.effects import library
+from dlwpredict.files import read_height_map
+from dlwpredict.flat import choose
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise import Noise
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+
+TRUTH = ParameterSet(paper=Paper(0.5, 1.6, 0.45, 6.0, 6.5, 0.72, 0.96))
+LAG, SLOPE = library()["galvo-lag"](lag_um=0.5), library()["slope-error"](signed_y_um=-0.4)
+VIGNETTING, CURVATURE = library()["vignetting"](strength=0.05), library()["field-curvature"](sag_um=-0.07)
+
+
+def fitted(noise_um):
+    """Return the baseline fitted to one noisy recording."""
+    target = designs.air(size_um=30, pitch_um=0.5, margin_um=5)
+    noise = Noise(0.3 * noise_um, noise_um, 1.0, 0.5, 0.5)
+    recording = target.with_heights(
+        predict(target, TRUTH).heights_um + noise.simulate(target.shape, np.random.default_rng(0))
+    )
+    data = [Whitened.of(bare(prepare(target, recording, name="air.tif")), noise, np.zeros(target.shape))]
+    return fit(data, choose(TRUTH), iterations=2)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return fitted(0.08)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return fitted(0.006)
+
+
+def now(fit_, members):
+    rows = triangle_of(present_columns(fit_, members), fit_.nuisances)
+    return separation(rows, len(fit_.free.names)).sd
+
+
+def test_separation_is_what_one_joint_fit_cannot_imitate():
+    """Triangles of two recordings, each beside its own nuisances, against least squares on everything at once."""
+    rng = np.random.default_rng(1)
+    columns = [rng.normal(size=(n, 5)) for n in (40, 30)]
+    own = [np.linalg.qr(rng.normal(size=(n, 3)))[0] for n in (40, 30)]
+    found = separation(np.vstack([triangle_of(c, q) for c, q in zip(columns, own, strict=True)]), 3)
+    nuisances = np.zeros((70, 6))
+    nuisances[:40, :3], nuisances[40:, 3:] = own
+    stacked = np.vstack(columns)
+    left = []
+    for one, other in ((3, 4), (4, 3)):
+        known = np.column_stack([nuisances, stacked[:, [0, 1, 2, other]]])
+        left.append(np.linalg.norm(stacked[:, one] - known @ np.linalg.lstsq(known, stacked[:, one])[0]))
+    assert found.sd == pytest.approx(min(left), rel=1e-9)
+
+
+def test_a_turned_sample_turns_what_the_microscope_adds():
+    """Seen in the frame of the sample, a bend towards the instrument's +x points to −y after a quarter turn."""
+    flat = HeightMap(np.zeros((9, 9)), 1.0, 1.0)
+    bend = ParameterSet(effects=(library()["field-curvature"](coma_x_um=1.0),))
+    straight, quarter = viewed(flat, bend, 0), viewed(flat, bend, 1)
+    assert straight[4, 8] > 0 and straight[4, 0] < 0 and straight[0, 4] == 0
+    np.testing.assert_allclose(quarter, np.rot90(straight, -1))
+    assert quarter[8, 4] > 0 and quarter[0, 4] < 0
+
+
+def test_turning_swaps_the_pitches_and_comes_back():
+    part = HeightMap(np.arange(6.0).reshape(2, 3), 0.5, 0.25)
+    assert (turned(part, 1).dx_um, turned(part, 1).dy_um) == (0.25, 0.5)
+    np.testing.assert_array_equal(turned(turned(part, 1), -1).heights_um, part.heights_um)
+
+
+def test_lag_and_signed_slope_error_are_told_apart_by_turning_the_sample(noisy):
+    members = [LAG, SLOPE]
+    assert now(noisy, members) < LEAST
+    advice = advise(noisy, members)
+    assert advice.setup in ("sample turned 90°", "sample turned 180°")
+    assert advice.command is None and advice.separation >= SURE
+    assert "under the microscope" in advice.sentence and "standard deviations apart" in advice.sentence
+
+
+def test_the_same_once_more_unturned_would_not_do(noisy):
+    """What the turn brings is not the second look alone."""
+    members = [LAG, SLOPE]
+    rows = triangle_of(present_columns(noisy, members), noisy.nuisances)
+    again = Setup("again", 0, "Record it again", noisy.data[0].recording.target)
+    repeated = separation(np.vstack([rows, simulator(noisy, members)(again, False)]), len(noisy.free.names)).sd
+    assert repeated == pytest.approx(np.sqrt(2) * now(noisy, members), rel=0.05)
+    assert advise(noisy, members).separation > MORE * repeated
+
+
+@pytest.fixture(scope="module")
+def dome_advice(quiet):
+    return advise(quiet, [VIGNETTING, CURVATURE])
+
+
+def test_vignetting_and_field_curvature_need_a_design(quiet, dome_advice):
+    """Both are round: no turn helps."""
+    assert dome_advice.command and "turned" not in dome_advice.setup
+    assert dome_advice.separation > np.sqrt(2) * now(quiet, [VIGNETTING, CURVATURE])
+    said = re.search(r"expected ([\d.]+) standard deviations apart", dome_advice.sentence)[1]
+    assert float(said) == pytest.approx(dome_advice.separation, rel=0.06)
+
+
+def test_the_command_makes_the_design(dome_advice, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = dome_advice.command.split()
+    assert words[0] == "dlwpredict"
+    done = CliRunner().invoke(app, words[1:])
+    assert done.exit_code == 0 and "warning" not in done.output, done.output
+    made = read_height_map(tmp_path / words[words.index("-o") + 1])
+    assert made.size_um == pytest.approx((40, 40)) and made.heights_um[0].max() == 0 < made.heights_um.max()
+
+
+def test_every_command_makes_the_design_that_was_simulated(quiet, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for setup in new_designs(quiet):
+        words = setup.command.split()
+        done = CliRunner().invoke(app, words[1:])
+        assert done.exit_code == 0 and "warning" not in done.output, done.output
+        made = read_height_map(tmp_path / words[words.index("-o") + 1])
+        np.testing.assert_allclose(made.heights_um, setup.target.heights_um, atol=1e-5)
+
+
+def test_what_nothing_separates_says_so(quiet):
+    members = [library()["z-amplification"](gain=0.05), library()["z-drift"](scale=0.05)]
+    advice = advise(quiet, members, setups=new_designs(quiet)[:2])
+    assert advice.setup == "none" and advice.command is None and advice.separation < LEAST
+    assert "a certified step height, and nothing else" in advice.sentence
+
+
+def test_one_effect_alone_needs_no_advice(quiet):
+    assert advise(quiet, [VIGNETTING]) is None
