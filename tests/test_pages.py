@@ -17,6 +17,7 @@ from dlwpredict.files.parameters_yaml import parameters_as_dict
 from dlwpredict.noise import Noise
 from dlwpredict.pages.diagnosis import Evidence, PairMaps, parameter_rows, write_page
 from dlwpredict.pages.pictures import coarser, worst_place
+from dlwpredict.pages.terminal import lines
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 
@@ -103,6 +104,8 @@ def ambiguous():
     }
     return content | {
         "sentence": "Parts grow higher from left to right: dose memory or a tilted substrate.",
+        "holdout_by": "blocks",
+        "noise": [{"white_um": 0.016, "correlated_um": 0.0123, "length_um": 1.02, "smoothness": 1.5}] * 2,
         "noise_from": "the residual, beside smooth forms and the signatures of all effects",
         "tests": [
             {"name": "free forms", "p_value": 2e-12, "statement": "The residual holds more than noise."},
@@ -161,7 +164,13 @@ def test_the_page_says_all_that_the_diagnosis_holds(tmp_path, maps, make):
     said += [test["statement"] for test in content.get("tests", [])]
     said += ["0.1203 (0.1121 to 0.1285)", "84.1 nm → 21.2 nm", "89.3 nm → 22.9 nm", "dose-memory.gain", "61 %"]
     if make is ambiguous:
-        said += ["substrate-tilt 3.2", *content["findings"][0]["separate_by"].values()]
+        said += [
+            "substrate-tilt 3.2",
+            "left-out data (blocks)",
+            "12.3 nm",
+            "1.02 µm",
+            *content["findings"][0]["separate_by"].values(),
+        ]
     assert [one for one in said if one not in text] == []
 
 
@@ -186,7 +195,7 @@ def test_markup_in_names_and_texts_is_shown_not_obeyed(tmp_path, maps):
     content["locations"][0]["where"] = content["findings"][0]["statement"] = evil
     plain = Reader(written(tmp_path / "plain.html", ambiguous(), maps))
     shown = Reader(written(tmp_path / "evil.html", content, [replace(maps[0], name=evil), maps[1]], command=evil))
-    assert shown.text.count(evil) == 7 + 3  # the recording stands in its heading and at two places
+    assert shown.text.count(evil) == 7 + 4  # the recording stands in its heading, beside its noise and two places
     assert set(shown.tags) == set(plain.tags)
     assert shown.tags.count("img") == plain.tags.count("img")
 
@@ -260,3 +269,57 @@ def test_chromium_renders_the_page_without_a_complaint(tmp_path, maps):
         pixels = np.asarray(image.convert("RGB"), dtype=int)
     blue = np.array([0x00, 0x72, 0xB2])  # the baseline's line: inside the pictures only
     assert (np.abs(pixels - blue).max(axis=-1) < 40).sum() > 100
+
+
+def test_the_terminal_has_verdict_first_and_what_the_bench_needs():
+    said = lines(ambiguous())
+    assert said[0] == "AMBIGUOUS: Parts grow higher from left to right: dose memory or a tilted substrate."
+    assert "   dlwpredict design pads -o pads.tif" in said
+    together = " ".join(" ".join(said).split())
+    for part in (
+        "rmse 84.1 nm → 21.2 nm, on left-out data 89.3 nm → 22.9 nm; noise 20.0 nm",
+        "1. dose-memory or substrate-tilt (side undecided)",
+        "dose-memory.gain 0.1203 (0.1121 to 0.1285), dose-memory.length_um 6.04 (5.31 to 6.77) µm",
+        "the same part printed with the hatch mirrored: a memory turns round, a tilt stays",
+        "where: 61 % in recording 0, left edges, up the hatch direction",
+        "remainder: no more than noise (3.10 nm, p = 0.41). nothing beyond noise",
+        "not testable: z-amplification, lateral-shrinkage, field-curvature, stitching",
+    ):
+        assert part in together
+
+
+def test_a_diagnosis_without_findings_is_short():
+    said = lines(invented(verdict="none", findings=[], locations=[], not_testable=[]))
+    assert said[0].startswith("NONE: Nothing beyond the noise of 20.0 nm")
+    assert len(said) == 3
+
+
+@pytest.mark.parametrize("options", [3, 12, 60])
+def test_the_terminal_shows_at_most_25_lines_of_100_characters_and_no_half_command(options):
+    content = ambiguous() | {"sentence": "A long sentence. " * 40, "not_testable": [f"effect-{k}" for k in range(90)]}
+    command = "dlwpredict design pads -o pads.tif" + "".join(f" --option-{k} {k}.25" for k in range(options))
+    many = {f"parameter_{k}_um": {"value": k, "low": k - 0.1, "high": k + 0.1, "unit": "µm"} for k in range(20)}
+    finding = content["findings"][0] | {
+        "effects": [f"effect-number-{k}" for k in range(20)],
+        "parameters": {"effect-number-0": many},
+        "separate_by": {"statement": "Another print. " * 30, "command": command},
+    }
+    content |= {"findings": [finding] * 5, "locations": content["locations"] * 4}
+    content["locations"][0]["where"] = "x" * 300
+    content["remainder"]["description"] = "A long description. " * 30
+    said = lines(content)
+    assert len(said) <= 25
+    assert max(map(len, said)) <= 100
+    joined = " ".join("\n".join(said).replace("\\\n", "").split())
+    assert (command in joined) == (options < 60)
+    assert ("its command is in the diagnosis" in joined) == (options == 60)
+    assert "more" in said[-1]
+
+
+def test_a_quoted_command_stays_in_one_piece():
+    content = ambiguous()
+    for length, whole in ((20, True), (120, False)):
+        command = "dlwpredict design pads -o '" + "my  pads " * (length // 9) + ".tif'"
+        content["findings"][0]["separate_by"] = {"statement": "Another print.", "command": command}
+        assert (f"   {command}" in lines(content)) == whole
+        assert ("   (its command is in the diagnosis)" in lines(content)) != whole

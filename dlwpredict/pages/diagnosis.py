@@ -62,8 +62,9 @@ def write_page(
     ----------
     path : pathlib.Path
     content : dict
-        As written to diagnosis.yaml. Also shown where present: ``sentence``; ``noise_from``; ``tests``, a list of
-        {name, p_value, statement}; ``alternatives`` of a finding, a list of {name, loss}.
+        As written to diagnosis.yaml. Also shown where present: ``sentence``; ``noise_from``; ``noise``, a list of
+        {white_um, correlated_um, length_um, smoothness}, one per recording; ``holdout_by``, how data were left out;
+        ``tests``, a list of {name, p_value, statement}; ``alternatives`` of a finding, a list of {name, loss}.
     maps : sequence of PairMaps
         In the order of the pairs.
     command : str
@@ -145,5 +146,7 @@ def _template() -> Template:
     )
     for says in (words.length, words.significant, words.probability, words.percent, words.estimate, words.change):
         environment.filters[says.__name__] = says
-    environment.globals.update(sentence=words.sentence, separation=words.separation, verdicts=words.VERDICTS)
+    for says in (words.sentence, words.separation, words.side):
+        environment.globals[says.__name__] = says
+    environment.globals["verdicts"] = words.VERDICTS
     return environment.get_template("diagnosis.html")

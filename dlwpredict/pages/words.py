@@ -103,15 +103,27 @@ def change(rmse_um: Mapping[str, float | None] | None) -> str:
     return f"{length(rmse_um.get('before'))} → {length(rmse_um.get('after'))}"
 
 
+def side(finding: Mapping[str, Any]) -> str:
+    """Return on which side a finding lies.
+
+    Examples
+    --------
+    >>> side({"side": "print"}), side({"side": "undecided"})
+    ('print side', 'side undecided')
+    """
+    return "side undecided" if finding["side"] == "undecided" else f"{finding['side']} side"
+
+
 def separation(finding: Mapping[str, Any]) -> tuple[str, str]:
     """Return what would tell the members of a class apart, and the command for it; each may be empty.
 
-    ``separate_by`` is a text, a mapping with ``statement`` and ``command``, or nothing.
+    ``separate_by`` is a text, a mapping with ``sentence`` (or ``statement``) and ``command``, or nothing; the command
+    may also stand beside it as ``separate_command``.
     """
     found = finding.get("separate_by") or ""
-    if isinstance(found, Mapping):
-        return found.get("statement") or "", found.get("command") or ""
-    return str(found), ""
+    if not isinstance(found, Mapping):
+        found = {"sentence": str(found), "command": finding.get("separate_command")}
+    return found.get("sentence") or found.get("statement") or "", found.get("command") or ""
 
 
 def sentence(content: Mapping[str, Any]) -> str:

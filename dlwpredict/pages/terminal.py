@@ -1,0 +1,98 @@
+"""A diagnosis in a few lines for the terminal; what does not fit is in the report."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dlwpredict.pages import words
+
+WIDTH, MOST_LINES = 100, 25
+MOST_FINDINGS = MOST_PLACES = 3
+MOST_COMMAND_LINES = 3
+"""A command is shown whole or not at all."""
+
+
+def lines(content: Mapping[str, Any]) -> list[str]:
+    """Return at most 25 lines of at most 100 characters.
+
+    Parameters
+    ----------
+    content : mapping
+        As written to diagnosis.yaml.
+    """
+    said = _wrapped(f"{content['verdict'].upper()}: {words.sentence(content)}", most=2)
+    said += _wrapped(
+        f"rmse {_change(content, 'rmse_um')}, on left-out data {_change(content, 'holdout_rmse_um')}; "
+        f"noise {words.length(content['noise_um'])}",
+        most=1,
+    )
+    for number, finding in enumerate(content["findings"][:MOST_FINDINGS], start=1):
+        said += _finding(number, finding)
+    for place in content["locations"][:MOST_PLACES]:
+        share = words.percent(place["share"])
+        said += _wrapped(f"where: {share} in recording {place['pair']}, {place['where']}", most=1)
+    rest = content["remainder"]
+    state = "unexplained structure" if rest["significant"] else "no more than noise"
+    size = f"{words.length(rest['rms_um'])}, {_p(rest['p_value'])}"
+    said += _wrapped(f"remainder: {state} ({size}). {rest['description'] or ''}", most=2)
+    return said + _listed("not testable: ", content["not_testable"], most=2)
+
+
+def _change(content: Mapping[str, Any], key: str) -> str:
+    return words.change({"before": content["baseline"][key], "after": content["extended"][key]})
+
+
+def _p(value: float | None) -> str:
+    said = words.probability(value)
+    return f"p {said}" if said.startswith("<") else f"p = {said}"
+
+
+def _finding(number: int, finding: Mapping[str, Any]) -> list[str]:
+    """Return the lines of one finding; the first has room for more."""
+    first, indent = number == 1, "   "
+    found = [
+        f"{effect}.{name} {words.estimate(parameter)}"
+        for effect, parameters in finding["parameters"].items()
+        for name, parameter in parameters.items()
+    ]
+    said = _wrapped(f"{number}. {' or '.join(finding['effects'])} ({words.side(finding)})", most=1)
+    said += _listed(indent, found, most=2 if first else 1)
+    inside, outside = words.change(finding["rmse_um"]), words.change(finding["holdout_rmse_um"])
+    said += _wrapped(f"{indent}rmse {inside}, on left-out data {outside}, {_p(finding['p_value'])}", most=1)
+    by, command = words.separation(finding)
+    if first and by:
+        said += _wrapped(f"{indent}to tell apart: {by}", most=2)
+        said += _command(command, indent)
+    return said
+
+
+def _command(command: str, indent: str) -> list[str]:
+    """Return a command on lines that a shell joins; a quoted one is not broken."""
+    if len(indent + command) <= WIDTH and "\n" not in command:
+        return [indent + command] if command else []
+    room = WIDTH - len(indent) - len("   \\")
+    parts = textwrap.wrap(command, room, break_long_words=False, break_on_hyphens=False)
+    quoted = any(sign in command for sign in "\n'\"\\")
+    if quoted or len(parts) > MOST_COMMAND_LINES or max(map(len, parts)) > room:
+        return [f"{indent}(its command is in the diagnosis)"]
+    return [indent + part for part in " \\\n  ".join(parts).split("\n")]
+
+
+def _listed(head: str, names: Sequence[str], *, most: int) -> list[str]:
+    """Return names separated by commas, as many as fit, and how many do not."""
+    for count in range(len(names), 0, -1):
+        more = f" and {len(names) - count} more" if count < len(names) else ""
+        said = _wrapped(head + ", ".join(names[:count]) + more)
+        if len(said) <= most:
+            return said
+    return _wrapped(head + ", ".join(names), most=most) if names else []
+
+
+def _wrapped(text: str, *, most: int | None = None) -> list[str]:
+    """Return the lines of a text, those after the first indented by three more, shortened to so many."""
+    indent = " " * (len(text) - len(text.lstrip()) + 3)
+    return textwrap.wrap(
+        text, WIDTH, subsequent_indent=indent, max_lines=most, placeholder=" …", break_on_hyphens=False
+    )  # fmt: skip
