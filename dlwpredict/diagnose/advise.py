@@ -361,8 +361,8 @@ def new_designs(fitted: Fit) -> list[Setup]:
     for name, (kind, own) in kinds(side_um, top_um, px).items():
         options = {key: v if isinstance(v, int) else float(f"{v:.4g}") for key, v in (shared | own).items()}
         words = " ".join(f"--{key.replace('_', '-')} {value:.10g}" for key, value in (options | pitches).items())
-        command = f"dlwpredict design {kind} -o {name}.tif {words}"
-        action = f"Print and record one more structure, {name}.tif ({KINDS[kind].meaning.split(':')[0]})"
+        command = f"dlwpredict design {kind} -o next-{name}.tif {words}"
+        action = f"Print and record one more structure, next-{name}.tif ({KINDS[kind].meaning.split(':')[0]})"
         found.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
     return found
 
