@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -149,6 +149,25 @@ READING_CHOICES = {
 }
 
 
+Side = Literal["print", "measurement"]
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """An effect of the process that others could replace: the data do not say which it is.
+
+    Parameters
+    ----------
+    effect : str
+        Name of an effect of the process.
+    instead : tuple of effect steps
+        Each may stand in its place, as fitted there; most likely first.
+    """
+
+    effect: str
+    instead: tuple
+
+
 @dataclass(frozen=True)
 class ParameterSet:
     """Everything a parameter file says: the process, and what is known about its parameters.
@@ -165,6 +184,8 @@ class ParameterSet:
         Parameter name to (low, high): bounds of a fit, and 95 % intervals of a calibration.
     provenance : dict
         Where the values come from: inputs' SHA-256, versions, command.
+    undecided : tuple of Undecided
+        Effects that the data cannot tell from others.
     """
 
     paper: Paper = field(default_factory=Paper)
@@ -174,3 +195,23 @@ class ParameterSet:
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    undecided: tuple[Undecided, ...] = ()
+
+    def candidates(self, place: Undecided) -> tuple:
+        """Return all effects that may stand in an undecided place, the present one first."""
+        return (*(effect for effect in self.effects if effect.name == place.effect), *place.instead)
+
+    @property
+    def two_sided(self) -> tuple[Undecided, ...]:
+        """The undecided places where even the side, print or measurement, is open."""
+        return tuple(p for p in self.undecided if len({effect.side for effect in self.candidates(p)}) > 1)
+
+    def decided(self, side: Side) -> ParameterSet:
+        """Return the process with the likeliest effect of this side in every place whose side is open.
+
+        An effect that is in the process already is not added twice.
+        """
+        chosen = {p.effect: next(e for e in self.candidates(p) if e.side == side) for p in self.two_sided}
+        effects = {effect.name: effect for effect in (chosen.get(e.name, e) for e in self.effects)}
+        rest = tuple(p for p in self.undecided if p not in self.two_sided)
+        return replace(self, effects=tuple(effects.values()), undecided=rest)

@@ -7,7 +7,7 @@ from dlwpredict.effects import library
 from dlwpredict.errors import InputError
 from dlwpredict.files.parameters_yaml import parameters_as_dict, parameters_from, read_parameters, write_parameters
 from dlwpredict.files.yaml_text import yaml_text
-from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
+from dlwpredict.parameters import Paper, ParameterSet, Readings, Undecided, Writing
 
 GOOD = parameters_as_dict(ParameterSet())
 
@@ -26,6 +26,12 @@ def test_everything_comes_back(tmp_path):
         bounds={"threshold": (0.3, 0.6), "dose-memory.gain": (0.0, 0.2)},
         intervals={"threshold": (0.4, 0.5)},
         provenance={"command": "dlwpredict calibrate", "inputs": {"a.tif": "00ff"}},
+        undecided=(
+            Undecided(
+                "vignetting",
+                (library()["field-curvature"](sag_um=-0.07), library()["print-field-curvature"](sag_um=0.1)),
+            ),
+        ),
     )
     path = tmp_path / "p.yaml"
     write_parameters(path, full)
@@ -60,6 +66,7 @@ def test_scientific_notation_without_a_point_is_a_number():
         ({"readings": {"threshold_reference": "mine"}}, "readings.threshold_reference: found mine"),
         ({"effects": [{"name": "magic"}]}, "effects.name: found 'magic'"),
         ({"effects": ["vignetting"]}, "effects.name: found 'vignetting'"),
+        ({"effects": [{"name": ["magic"]}]}, "effects.name: found ['magic']"),
         ({"effects": {"name": "vignetting"}}, "effects: found"),
         ({"effects": [{"name": "vignetting", "power": 1}]}, "vignetting.power: unknown key"),
         ({"effects": [{"name": "vignetting", "strength": 7}]}, "vignetting.strength: found 7"),
@@ -73,6 +80,45 @@ def test_faults_are_refused_by_name(change, said):
     with pytest.raises(InputError) as refusal:
         parameters_from(GOOD | change)
     assert said in str(refusal.value)
+
+
+DOME = GOOD | {"effects": [{"name": "field-curvature", "sag_um": -0.07}, {"name": "dose-memory", "gain": 0.1}]}
+INSTEAD = [{"name": "vignetting", "strength": 0.04}]
+
+
+def test_undecided_effects_are_read():
+    found = parameters_from(DOME | {"undecided": [{"effect": "field-curvature", "instead": INSTEAD}]})
+    assert found.undecided == (Undecided("field-curvature", (library()["vignetting"](strength=0.04),)),)
+    assert parameters_from(DOME).undecided == ()
+    assert "undecided" not in parameters_as_dict(parameters_from(DOME))
+
+
+@pytest.mark.parametrize(
+    ("undecided", "said"),
+    [
+        (3, "undecided: found 3, allowed: a list of {effect: ..., instead: [...]}"),
+        (["field-curvature"], "undecided: found ['field-curvature']"),
+        ([{"effect": "field-curvature", "or": INSTEAD}], "undecided.or: unknown key, allowed: effect, instead"),
+        ([{"instead": INSTEAD}], "undecided.effect: found None"),
+        ([{"effect": "magic", "instead": INSTEAD}], "undecided.effect: found 'magic', allowed: field-curvature, dose-"),
+        ([{"effect": ["field-curvature"], "instead": INSTEAD}], "undecided.effect: found ['field-curvature']"),
+        ([{"effect": "field-curvature"}], "undecided.instead: found None"),
+        ([{"effect": "field-curvature", "instead": []}], "undecided.instead: found [], at least one effect"),
+        ([{"effect": "field-curvature", "instead": "vignetting"}], "undecided.instead: found 'vignetting'"),
+        ([{"effect": "field-curvature", "instead": ["vignetting"]}], "undecided.instead.name: found 'vignetting'"),
+        ([{"effect": "field-curvature", "instead": [{"name": "magic"}]}], "undecided.instead.name: found 'magic'"),
+        ([{"effect": "field-curvature", "instead": [{"name": ["a"]}]}], "undecided.instead.name: found ['a']"),
+        ([{"effect": "field-curvature", "instead": [{"name": "vignetting", "power": 1}]}], "vignetting.power: unknown"),
+        ([{"effect": "field-curvature", "instead": [{"name": "vignetting", "strength": 7}]}], "strength: found 7"),
+        ([{"effect": "field-curvature", "instead": INSTEAD * 2}], "undecided.instead.vignetting: named twice"),
+        ([{"effect": "field-curvature", "instead": [{"name": "dose-memory"}]}], "dose-memory: listed under effects"),
+        ([{"effect": "field-curvature", "instead": INSTEAD}] * 2, "undecided.field-curvature: named twice"),
+    ],
+)
+def test_faults_of_undecided_effects_are_refused_by_name(undecided, said):
+    with pytest.raises(InputError) as refusal:
+        parameters_from(DOME | {"undecided": undecided})
+    assert said in str(refusal.value) and "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("name", ["threshold", "shrinkage_max", "crosslink_fwhm_z_um"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -11,12 +12,14 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
-from dlwpredict.errors import blaming
+from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.yaml_text import yaml_text
-from dlwpredict.precompensate import Limits, precompensate
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.precompensate import Limits, Precompensation, precompensate
 from dlwpredict.process import predict
 
 COMMAND = "precompensate"
@@ -27,6 +30,13 @@ class Loop(StrEnum):
 
     accelerated = "accelerated"
     paper = "paper"
+
+
+class Side(StrEnum):
+    """Where an effect that could be either happens."""
+
+    print = "print"
+    measurement = "measurement"
 
 
 def run(
@@ -44,6 +54,10 @@ def run(
         typer.Option(help="Round to multiples of this; the parameter file's slicing if absent, 0 = no rounding."),
     ] = None,
     predictions: Annotated[int, typer.Option(help="Predictions allowed in the search.", min=2)] = 10,
+    undecided: Annotated[
+        Side | None,
+        typer.Option(help="Where effects happen that the parameter file cannot place: only the print's are corrected."),
+    ] = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Correct a target so that its print has the target's heights; print effects only, never measurement effects.
@@ -54,16 +68,30 @@ def run(
     process = read_parameters(parameters)
     part = read_height_map(target)
     limits = Limits(maximum_um, process.writing.slicing_um if slicing_um is None else slicing_um)
-    with blaming(target):
-        found = precompensate(
+
+    def correct(physics: ParameterSet) -> Precompensation:
+        return precompensate(
             part,
-            lambda written: predict(written, process),
+            lambda written: predict(written, physics),
             limits=limits,
             most_predictions=predictions,
             memory=5 if method is Loop.accelerated else 0,
             on_step=lambda count, rmse: detail(f"prediction {count}: rmse {rmse:.4f} µm"),
         )
+
+    with blaming(target):
+        if process.two_sided and undecided is None:
+            show_both(part, {side: process.decided(side.value) for side in Side}, correct)
+            raise InputError(
+                f"print or measurement is open for {', '.join(place.effect for place in process.two_sided)}",
+                where=parameters,
+                key="undecided",
+                allowed="allowed: --undecided print or --undecided measurement",
+            )
+        found = correct(process if undecided is None else process.decided(undecided.value))
     figures = found.summary()
+    if process.two_sided:
+        figures["undecided"] = undecided.value
     if unreachable:
         write_height_map(unreachable, part.with_heights(np.where(found.reachable, 0.0, found.error_um)))
     if report:
@@ -81,3 +109,24 @@ def run(
         )
     if reached["largest_to_initial"] > 0.05:
         warn(f"stopped at {100 * reached['largest_to_initial']:.0f} % of the first error; allow more --predictions")
+
+
+def show_both(
+    part: HeightMap, choices: dict[Side, ParameterSet], correct: Callable[[ParameterSet], Precompensation]
+) -> None:
+    """Say what either choice of side would correct, and how the print would come out if it is wrong."""
+    found = {side: correct(process) for side, process in choices.items()}
+    footprint = part.heights_um > 0
+    for side, other in ((Side.print, Side.measurement), (Side.measurement, Side.print)):
+        written = found[side].corrected
+        apart = (written.heights_um - found[other].corrected.heights_um)[footprint]
+        wrong = (part.heights_um - predict(written, choices[other]).heights_um)[footprint]
+        say(
+            f"--undecided {side}: rmse {rms(found[side].error_um[footprint]):.4f} µm, {rms(wrong):.4f} µm if it is "
+            f"{other}; corrected target up to {np.abs(apart).max():.4f} µm (rms {rms(apart):.4f} µm) from the other"
+        )
+
+
+def rms(values_um: np.ndarray) -> float:
+    """Return the root mean square, µm."""
+    return float(np.sqrt(np.mean(values_um**2)))

@@ -13,10 +13,10 @@ from dlwpredict.effects.base import settings
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
-from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing, declarations
+from dlwpredict.parameters import Paper, ParameterSet, Readings, Undecided, Writing, declarations
 
 FORMAT = "dlwpredict-parameters/1"
-_SECTIONS = ("writing", "readings", "effects", "bounds", "intervals", "provenance")
+_SECTIONS = ("writing", "readings", "effects", "undecided", "bounds", "intervals", "provenance")
 
 
 def read_parameters(path: Path | str | None) -> ParameterSet:
@@ -49,14 +49,16 @@ def parameters_from(content: Any) -> ParameterSet:
     for name in seven:
         if name not in content:
             raise InputError("missing", key=name, allowed="all seven parameters of the process must be given")
+    effects = _effects(content.get("effects") or [], "effects")
     return ParameterSet(
         paper=Paper(**{name: _number(content[name], name) for name in seven}),
         writing=_writing(_mapping(content, "writing")),
         readings=_readings(_mapping(content, "readings")),
-        effects=_effects(content.get("effects") or []),
+        effects=effects,
         bounds=_ranges(_mapping(content, "bounds"), "bounds"),
         intervals=_ranges(_mapping(content, "intervals"), "intervals"),
         provenance=_mapping(content, "provenance"),
+        undecided=_undecided(content.get("undecided") or [], [effect.name for effect in effects]),
     )
 
 
@@ -69,13 +71,19 @@ def parameters_as_dict(parameters: ParameterSet) -> dict[str, Any]:
     }
     if parameters.readings != Readings():
         content["readings"] = asdict(parameters.readings)
-    content["effects"] = [{"name": effect.name, **settings(effect)} for effect in parameters.effects]
+    content["effects"] = _named(parameters.effects)
+    if parameters.undecided:
+        content["undecided"] = [{"effect": u.effect, "instead": _named(u.instead)} for u in parameters.undecided]
     for section in ("bounds", "intervals"):
         if ranges := getattr(parameters, section):
             content[section] = {name: [float(low), float(high)] for name, (low, high) in ranges.items()}
     if parameters.provenance:
         content["provenance"] = parameters.provenance
     return content
+
+
+def _named(effects: tuple) -> list[dict[str, Any]]:
+    return [{"name": effect.name, **settings(effect)} for effect in effects]
 
 
 def _refuse_unknown(content: dict, known: tuple[str, ...], section: str = "") -> None:
@@ -112,23 +120,50 @@ def _readings(content: dict) -> Readings:
     return Readings(**content)
 
 
-def _effects(entries: Any) -> tuple:
+def _effects(entries: Any, section: str) -> tuple:
     if not isinstance(entries, list):
-        raise InputError(f"found {entries!r}", key="effects", allowed="allowed: a list of {name: ..., parameters}")
+        raise InputError(f"found {entries!r}", key=section, allowed="allowed: a list of {name: ..., parameters}")
     built = []
     for entry in entries:
-        if not isinstance(entry, dict) or entry.get("name") not in library():
+        if not isinstance(entry, dict) or entry.get("name") not in list(library()):
             found = entry.get("name") if isinstance(entry, dict) else entry
             raise InputError(
-                f"found {found!r}", key="effects.name", allowed=f"allowed: {', '.join(library()) or 'none'}"
+                f"found {found!r}", key=f"{section}.name", allowed=f"allowed: {', '.join(library()) or 'none'}"
             )
         kind = library()[entry["name"]]
         if any(isinstance(other, kind) for other in built):
-            raise InputError("named twice", key=f"effects.{kind.name}", allowed="each effect once")
+            raise InputError("named twice", key=f"{section}.{kind.name}", allowed="each effect once")
         given = {key: value for key, value in entry.items() if key != "name"}
         _refuse_unknown(given, tuple(declarations(kind)), f"{kind.name}.")
         built.append(kind(**{key: _number(value, f"{kind.name}.{key}") for key, value in given.items()}))
     return tuple(built)
+
+
+def _undecided(entries: Any, present: list[str]) -> tuple[Undecided, ...]:
+    """Read the places that several effects may take; `present` are the names of the effects listed."""
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputError(
+            f"found {entries!r}", key="undecided", allowed="allowed: a list of {effect: ..., instead: [...]}"
+        )
+    found: list[Undecided] = []
+    for entry in entries:
+        _refuse_unknown(entry, ("effect", "instead"), "undecided.")
+        name = entry.get("effect")
+        if name not in present:
+            listed = ", ".join(present) or "none is listed"
+            raise InputError(f"found {name!r}", key="undecided.effect", allowed=f"allowed: {listed} (under effects)")
+        if name in [other.effect for other in found]:
+            raise InputError("named twice", key=f"undecided.{name}", allowed="each effect once")
+        instead = _effects(entry.get("instead"), "undecided.instead")
+        if not instead:
+            raise InputError("found []", key="undecided.instead", allowed="at least one effect")
+        for effect in instead:
+            if effect.name in present:
+                raise InputError(
+                    "listed under effects", key=f"undecided.instead.{effect.name}", allowed="effects not listed there"
+                )
+        found.append(Undecided(name, instead))
+    return tuple(found)
 
 
 def _ranges(content: dict, section: str) -> dict[str, tuple[float, float]]:
