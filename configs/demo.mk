@@ -1,9 +1,10 @@
-# The whole loop on sample_data/: convert, align, calibrate, predict, score, correct, export an STL.
+# The whole loop on sample_data/: convert, align, calibrate, predict, score, correct, export an STL. At the end the virtual
+# press that printed the samples prints the corrected parts, as the proof.
 
 DEMO := $(RUNS)/demo
 DEMO_PARTS := cin air
 
-DEMO_RESULTS := $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/score.json $(DEMO)/$(part)/corrected.stl)
+DEMO_RESULTS := $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/score.json $(DEMO)/$(part)/corrected.stl $(DEMO)/$(part)/reprinted.tif)
 
 .PHONY: sample-data
 sample-data: | $(VENV)/.installed ## Make sample_data/ anew from the virtual press
@@ -41,5 +42,8 @@ $(DEMO)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
 
 $(DEMO)/%/corrected.stl: $(DEMO)/%/corrected.tif
 	$(DLW) export-stl $< -o $@ --overwrite
+
+$(DEMO)/%/reprinted.tif: $(DEMO)/%/corrected.tif configs/press.yaml
+	$(BIN)/python -m tests.press print $< -p configs/press.yaml -o $@ --overwrite
 
 .PRECIOUS: $(DEMO)/%/target.tif $(DEMO)/%/recording.tif $(DEMO)/%/aligned.tif $(DEMO)/%/predicted.tif $(DEMO)/%/corrected.tif
