@@ -1,6 +1,7 @@
 """Advice on the next recording: what is expected of it, and whether it can be made."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from dlwpredict.diagnose.advise import (
     new_designs,
     present_columns,
     separation,
+    simulated,
     simulator,
     triangle_of,
     turned,
@@ -113,6 +115,25 @@ def test_the_same_once_more_unturned_would_not_do(noisy):
     repeated = separation(np.vstack([rows, simulator(noisy, members)(again, False)]), len(noisy.free.names)).sd
     assert repeated == pytest.approx(np.sqrt(2) * now(noisy, members), rel=0.05)
     assert advise(noisy, members).separation > MORE * repeated
+
+
+def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
+    """Print and record pads with vignetting and no noise; the best that field curvature can do is as far off as said."""
+    pads = next(setup for setup in new_designs(quiet) if setup.name == "pads")
+    rows = triangle_of(present_columns(quiet, [VIGNETTING, CURVATURE]), quiet.nuisances)
+    rows = np.vstack([rows, simulator(quiet, [VIGNETTING, CURVATURE])(pads, False)])
+    expected = separation(rows, len(quiet.free.names))
+    assert expected.pair == (0, 1)
+
+    physics = replace(quiet.parameters, effects=(VIGNETTING,))
+    old, new = quiet.data[0], simulated(pads.target, predict(pads.target, quiet.parameters), quiet, False)
+    data = [
+        replace(item, recording=replace(item.recording, measured=predict(item.recording.target, physics)))
+        for item in (old, new)
+    ]
+    start = replace(quiet.parameters, effects=(CURVATURE,))
+    refitted = fit(data, choose(start, free=[*quiet.free.names, "field-curvature.sag_um"]), iterations=12)
+    assert np.sqrt(refitted.chi2) == pytest.approx(expected.sd, rel=0.1)
 
 
 @pytest.fixture(scope="module")

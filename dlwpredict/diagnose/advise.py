@@ -20,7 +20,7 @@ from dlwpredict.calibrate.recordings import WALL_PX, prepare
 from dlwpredict.calibrate.trace import trace
 from dlwpredict.designs import KINDS
 from dlwpredict.diagnose.baseline import discretisation_um
-from dlwpredict.diagnose.evidence import Whitened, nuisance_fit, prior_rows, stack
+from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit, bare
 from dlwpredict.diagnose.select import FORM_ERROR
 from dlwpredict.effects.base import Effect
@@ -115,12 +115,15 @@ class Separation:
 
     Parameters
     ----------
+    pair : (int, int)
+        Which two; the first is seen, the second imitates it.
     sd : float
         Standard deviations.
     share : float
         The same as a share of the signature that can be seen at all.
     """
 
+    pair: tuple[int, int]
     sd: float
     share: float
 
@@ -185,10 +188,11 @@ def separation(rows: np.ndarray, free: int) -> Separation:
     unit = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
     parameters = range(free)
     apart = []
-    for one, other in permutations(range(free, rows.shape[1]), 2):
+    for pair in permutations(range(rows.shape[1] - free), 2):
+        one, other = (free + member for member in pair)
         visible = np.linalg.norm(_left(rows[:, one], unit[:, parameters]))
         sd = np.linalg.norm(_left(rows[:, one], unit[:, [*parameters, other]]))
-        apart.append(Separation(float(sd), float(sd / max(visible, 1e-12))))
+        apart.append(Separation(pair, float(sd), float(sd / max(visible, 1e-12))))
     return min(apart, key=lambda pair: pair.worth)
 
 
@@ -239,7 +243,9 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool],
         changes = np.nan_to_num(seen[1:] - seen[0])
         changes[: len(widths)] /= widths[:, None, None]
         columns = item.white(changes)
-        _, nuisances = nuisance_fit([item.white(item.nuisance_maps(np.nan_to_num(seen[0])))], [np.zeros(len(columns))])
+        nothing = np.zeros((1, len(NUISANCES)))
+        maps = item.white(item.nuisance_maps(np.nan_to_num(seen[0])))
+        nuisances = nuisance_fit([maps], [np.zeros(len(columns))], nothing)[2]
         return triangle_of(stack([columns], prior_rows(1)), nuisances)
 
     return simulate
@@ -405,20 +411,24 @@ def kinds(side_um: float, top_um: float, px_um: float) -> dict[str, tuple[str, d
 
 def worded(members: Sequence[Effect], now: Separation, best: tuple[Setup, Separation] | None) -> Advice:
     """Say what to record, and what to expect of it."""
-    names = [member.name for member in members]
-    pair = " and ".join(names) if len(names) == 2 else f"the closest two of {', '.join(names[:-1])} and {names[-1]}"
     if best is None or best[1].worth < LEAST / SURE:
+        pair = _pair(members, best[1] if best else now)
         tried = f" (best: {best[0].name}, {_expected(best[1])})" if best else ""
         others = "; or ".join(dict.fromkeys(member.separated_by for member in members))
         sentence = f"No recording that was simulated tells {pair} apart{tried}. What can: {others}."
         return Advice(sentence, None, max(best[1].sd if best else 0.0, now.sd), "none")
     setup, apart = best
-    sentence = f"{setup.action}: {pair} are then {_expected(apart)}, now {_number(now.sd)}."
+    sentence = f"{setup.action}: {_pair(members, apart)} are then {_expected(apart)}, now {_number(now.sd)}."
     return Advice(sentence, setup.command, apart.sd, setup.name)
 
 
+def _pair(members: Sequence[Effect], apart: Separation) -> str:
+    one, other = (members[k].name for k in sorted(apart.pair))
+    return f"{one} and {other}" + (f" (the closest two of {len(members)})" if len(members) > 2 else "")
+
+
 def _expected(apart: Separation) -> str:
-    small = f", {100 * apart.share:.0f} % of the effect" if apart.share < FORM_ERROR else ""
+    small = f", but by only {100 * apart.share:.0f} % of the effect" if apart.share < FORM_ERROR else ""
     return f"expected {_number(apart.sd)} standard deviations apart{small}"
 
 
