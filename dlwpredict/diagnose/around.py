@@ -1,4 +1,4 @@
-"""What the prediction could change by, about the calibrated place, in µm: computed once, before anything is whitened."""
+"""What the prediction could change by, about the calibrated place, µm: computed once, before anything is whitened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nameless competitor: how much of a residual do free forms explain, and how surely is that more than noise?
+"""The nameless competitor: how much of a residual free forms explain, and how surely that is more than noise.
 
 This is the test that needs no library, the judge of every name, and the source of the places.
 """

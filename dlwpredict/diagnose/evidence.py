@@ -15,6 +15,7 @@ from scipy import ndimage, sparse
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
+from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.whitening import Neighbourhood
 
 SCALE_PRIOR = 2e-3
@@ -24,10 +25,18 @@ ROTATION_PRIOR = np.deg2rad(0.1)
 """Standard deviation of the rotation that an alignment leaves, rad."""
 
 DISCRETISATION_PRIOR = 1.0
-"""The change of the prediction on pixels of half the size is in the recording to about this multiple."""
+"""The change of the prediction on pixels of half the size is in the recording once (a print has no pixels), give or
+take this multiple."""
 
 SHIFT_PRIOR = 0.1
 """Standard deviation of the shift that an alignment leaves, µm; what a print does to its own edges included."""
+
+WIDTH_PRIOR = 0.4
+"""Standard deviation of the logarithm of every FWHM about the paper's value. Without it a missing dome or edge drives
+the exposure's axial FWHM to 10 µm, where signatures are no longer those of the process."""
+
+WIDTHS = {name: default for name, (default, _) in declarations(Paper).items() if "fwhm" in name}
+"""The parameters that have this prior, and its centres, µm."""
 
 FREE = np.inf
 
@@ -47,18 +56,19 @@ NUISANCES = {
 
 
 def gradient(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
-    """Return the derivative along an axis of the array by the central difference of sixth order.
+    """Return the derivative along an axis of the array by the central difference of fourth order.
 
-    It reaches three pixels to either side and no further, so a wall does not ring into points that are used.
+    It reaches two pixels to either side, less than the rim of a wall that does not count: a jump of the map never
+    passes for a slope.
     """
     return (
-        ndimage.correlate1d(heights_um, np.array([-1, 9, -45, 0, 45, -9, 1]) / 60, axis=axis, mode="nearest") / pitch_um
+        ndimage.correlate1d(heights_um, np.array([1, -8, 0, 8, -1]) / 12, axis=axis, mode="nearest") / pitch_um
     )
 
 
 def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
-    """Return the second derivative along an axis of the array, sixth order, three pixels to either side."""
-    taps = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
+    """Return the second derivative along an axis of the array, fourth order, two pixels to either side."""
+    taps = np.array([-1, 16, -30, 16, -1]) / 12
     return ndimage.correlate1d(heights_um, taps, axis=axis, mode="nearest") / pitch_um**2
 
 
@@ -137,7 +147,9 @@ def stack(parts: Sequence[np.ndarray], priors: int = 0) -> np.ndarray:
     return np.concatenate([rows, np.zeros((priors, *rows.shape[1:]))]) if priors else rows
 
 
-def nuisance_fit(columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def nuisance_fit(
+    columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray], known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fit every recording's own nuisances, priors included.
 
     Parameters
@@ -145,10 +157,15 @@ def nuisance_fit(columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray])
     columns : sequence of numpy.ndarray, shape (points, nuisances)
         Whitened nuisance columns of each recording.
     residuals : sequence of numpy.ndarray, shape (points,)
+    known : numpy.ndarray, shape (recordings, nuisances)
+        How much of each nuisance is in the prediction already; the priors hold for the whole.
 
     Returns
     -------
     coefficients : numpy.ndarray, shape (recordings, nuisances)
+        What is to be added.
+    residual : numpy.ndarray, shape (all points + priors,)
+        Before the fit.
     basis : numpy.ndarray, shape (all points + priors, columns)
         Orthonormal; rows of the priors stand below those of the data, as in `stack`.
     """
@@ -157,18 +174,35 @@ def nuisance_fit(columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray])
     prior = np.zeros((len(bounded), len(widths)))
     prior[range(len(bounded)), bounded] = 1 / widths[bounded]
     found, bases = [], []
-    for own, residual in zip(columns, residuals, strict=True):
-        block = np.concatenate([own, prior])
+    expected = np.array([float(name == "pixels") for name in NUISANCES])
+    goals = [prior @ (expected - has) for has in known]
+    for own, residual, goal in zip(columns, residuals, goals, strict=True):
+        block, target = np.concatenate([own, prior]), np.concatenate([residual, goal])
         scale = np.maximum(np.linalg.norm(block, axis=0), 1e-12)
         left, sizes, right = np.linalg.svd(block / scale, full_matrices=False)
         real = sizes > 1e-8 * sizes[0]
-        found.append((right[real].T @ (left[: len(residual), real].T @ residual / sizes[real])) / scale)
+        found.append((right[real].T @ (left[:, real].T @ target / sizes[real])) / scale)
         bases.append(left[:, real])
     data = sparse.block_diag([b[: len(r)] for b, r in zip(bases, residuals, strict=True)]).toarray()
     below = sparse.block_diag([b[len(r) :] for b, r in zip(bases, residuals, strict=True)]).toarray()
-    return np.array(found), np.concatenate([data, below])
+    basis = np.concatenate([data, below, np.zeros((len(WIDTHS), data.shape[1]))])
+    return np.array(found), np.concatenate([*residuals, *goals, np.zeros(len(WIDTHS))]), basis
 
 
 def prior_rows(recordings: int) -> int:
-    """Return how many rows of priors stand below the data."""
-    return recordings * int(np.isfinite(list(NUISANCES.values())).sum())
+    """Return how many rows of priors stand below the data: those of every recording's nuisances, then of the widths."""
+    return recordings * int(np.isfinite(list(NUISANCES.values())).sum()) + len(WIDTHS)
+
+
+def width_rows(parameters: ParameterSet, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of the widths' priors: residuals (widths,) and derivatives by the named parameters.
+
+    (ln μ − ln w)/σ, as recording − prediction; a width that is not free has no say.
+    """
+    residual, derivative = np.zeros(len(WIDTHS)), np.zeros((len(WIDTHS), len(names)))
+    for row, (name, centre) in enumerate(WIDTHS.items()):
+        if name in names:
+            width = getattr(parameters.paper, name)
+            residual[row] = np.log(centre / width) / WIDTH_PRIOR
+            derivative[row, list(names).index(name)] = 1 / (width * WIDTH_PRIOR)
+    return residual, derivative

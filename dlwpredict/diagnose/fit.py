@@ -10,12 +10,25 @@ from scipy.optimize import lsq_linear
 
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
-from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack
+from dlwpredict.calibrate.straight import bending, bent, straight, straight_bounds
+from dlwpredict.diagnose.evidence import (
+    NUISANCES,
+    WIDTH_PRIOR,
+    WIDTHS,
+    Whitened,
+    nuisance_fit,
+    prior_rows,
+    stack,
+    width_rows,
+)
 from dlwpredict.flat import Free
 from dlwpredict.parameters import ParameterSet
 
 GAIN = 0.05
 """A descent ends when the next step promises less than this in χ²."""
+
+REGISTRATIONS, REGISTERED_UM = 8, 5e-4
+"""Registration is repeated at most so often, until it moves by less."""
 
 SHIFT = list(NUISANCES).index("shift_x")
 
@@ -92,6 +105,22 @@ class Fit:
         )
 
 
+def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
+    """Fit from a start, and from a second one with a likelier focus where the start's is far from the prior.
+
+    Focus length and threshold act together; a model that lacks an effect has more than one lowest place along their
+    valley, and least squares may have ended in the wrong one.
+    """
+    first = fit(data, free, start=vector)
+    place = free.index("exposure_fwhm_z_um")
+    if place is None or abs(np.log(vector[place] / WIDTHS["exposure_fwhm_z_um"])) < WIDTH_PRIOR:
+        return first
+    coordinates = straight(free, vector)
+    coordinates[place] = WIDTHS["exposure_fwhm_z_um"]
+    second = fit(data, free, start=bent(free, coordinates))
+    return min(first, second, key=lambda found: found.chi2)
+
+
 def bare(recording: Recording) -> Recording:
     """Return the recording without nuisance columns of its own: the evidence has them."""
     return replace(recording, columns=np.zeros((recording.points, 0)), column_names=())
@@ -106,7 +135,7 @@ def fit(
     iterations: int = 8,
     secant: bool = False,
 ) -> Fit:
-    """Follow the likelihood down with bounded, damped Gauss–Newton steps.
+    """Follow the likelihood down with bounded, damped Gauss–Newton steps, in the coordinates of `straight`.
 
     Parameters
     ----------
@@ -128,11 +157,10 @@ def fit(
     now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))
     damping = 1e-6
     for _ in range(iterations):
-        step = _step(now, damping)
-        promised = now.chi2 - float(np.sum((now.residual - _beside(now, now.jacobian @ step)) ** 2))
+        vector, promised = _step(now, damping)
         if promised < GAIN:
             break
-        trial = _at(problem, now.data, free.allowed(now.point.vector + step), now.point)
+        trial = _at(problem, now.data, vector, now.point)
         if trial.chi2 >= now.chi2:
             damping = max(100 * damping, 1e-3)
             if damping > 1e3:
@@ -147,16 +175,18 @@ def fit(
 def _at(problem: Problem, data: Sequence[Whitened], vector: np.ndarray, known: Point | None) -> Fit:
     """Predict, find the nuisances, and move the registration along with them."""
     point = problem.at(vector, known)
-    for _ in range(2):
-        predicted = [t.heights_um for t in point.traces]
+    predicted = [t.heights_um for t in point.traces]
+    for _ in range(REGISTRATIONS):
         residuals = [d.residual(p) for d, p in zip(data, predicted, strict=True)]
         columns = [d.white(d.nuisance_maps(p)) for d, p in zip(data, predicted, strict=True)]
-        coefficients, basis = nuisance_fit(columns, residuals)
+        known = np.zeros((len(data), len(NUISANCES)))
+        known[:, SHIFT : SHIFT + 2] = [d.shift_um for d in data]
+        coefficients, residual, basis = nuisance_fit(columns, residuals, known)
         shifts = coefficients[:, SHIFT : SHIFT + 2]
-        if np.abs(shifts).max() < 1e-3:
+        if np.abs(shifts).max() < REGISTERED_UM:
             break
         data = [_shifted(item, shift) for item, shift in zip(data, shifts, strict=True)]
-    residual = stack(residuals, prior_rows(len(data)))
+    residual[-len(WIDTHS) :] = width_rows(problem.free.parameters(point.vector), problem.free.names)[0]
     return Fit(tuple(data), problem.free, point, np.zeros((len(residual), len(vector))),
                residual - basis @ (basis.T @ residual), basis, coefficients)  # fmt: skip
 
@@ -185,6 +215,7 @@ def _jacobian(problem: Problem, now: Fit, known: Fit | None) -> np.ndarray:
         raw = sub.jacobian(replace(now.point, vector=now.point.vector[missing]))
         parts = [item.matrix @ columns for item, columns in zip(now.data, raw, strict=True)]
         jacobian[:, missing] = stack(parts, prior_rows(len(now.data)))
+    jacobian[-len(WIDTHS) :] = width_rows(problem.free.parameters(now.point.vector), names)[1]
     return jacobian
 
 
@@ -192,19 +223,21 @@ def _beside(now: Fit, values: np.ndarray) -> np.ndarray:
     return values - now.nuisances @ (now.nuisances.T @ values)
 
 
-def _step(now: Fit, damping: float) -> np.ndarray:
-    """Return the damped least-squares step inside the bounds."""
+def _step(now: Fit, damping: float) -> tuple[np.ndarray, float]:
+    """Return where the damped least-squares step inside the bounds leads, and what it promises in χ²."""
     free, vector = now.free, now.point.vector
-    width = free.high - free.low
-    matrix = _beside(now, now.jacobian) * width
+    here, (low, high) = straight(free, vector), straight_bounds(free, vector)
+    width = high - low
+    matrix = _beside(now, now.jacobian @ bending(free, vector)) * width
     sizes = np.linalg.norm(matrix, axis=0)
     triangle = np.linalg.qr(np.column_stack([matrix, now.residual]), mode="r")
     columns = matrix.shape[1]
+    whole, goal = triangle[:columns, :columns], triangle[:columns, columns]
     ridge = np.diag(np.sqrt(damping) * np.maximum(sizes, 1e-6 * sizes.max(initial=1e-12)))
-    full = np.vstack([triangle[:columns, :columns], ridge])
-    goal = np.concatenate([triangle[:columns, columns], np.zeros(columns)])
-    reach = np.minimum((free.low - vector) / width, -1e-12), np.maximum((free.high - vector) / width, 1e-12)
-    return free.allowed(vector + lsq_linear(full, goal, bounds=reach, method="bvls").x * width) - vector
+    reach = np.minimum((low - here) / width, -1e-12), np.maximum((high - here) / width, 1e-12)
+    target = np.concatenate([goal, np.zeros(columns)])
+    step = lsq_linear(np.vstack([whole, ridge]), target, bounds=reach, method="bvls").x
+    return bent(free, here + step * width), float(goal @ goal - np.sum((goal - whole @ step) ** 2))
 
 
 def _secant(now: Fit, trial: Fit, step: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.baseline import calibrated, noises
 from dlwpredict.diagnose.competitor import Energy, Forms, agreement, energy
 from dlwpredict.diagnose.evidence import Whitened
-from dlwpredict.diagnose.fit import Fit, bare, fit
+from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
 from dlwpredict.diagnose.screen import Null, Screen
@@ -149,7 +149,7 @@ def diagnose(
             Whitened.of(r, n.model, fine)
             for r, n, fine in zip(recordings, noise, around.discretisation_um, strict=True)
         ]
-        baseline = fit(data, free, start=vector)
+        baseline = fit_from(data, free, vector)
         library, null = Library.of(around, data), Null.of(data, noise, seed)
         begun = fit(data, model.free, start=model.point.vector) if model else None
         model = select(baseline, library, null, start=begun, tell=tell)

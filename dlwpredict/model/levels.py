@@ -19,7 +19,7 @@ from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.parallel import each
 from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_SIGMAS, block_mean, blur, spline_matrix
 
-LEVEL_STEP_SIGMAS = 0.6
+LEVEL_STEP_SIGMAS = 0.4
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
 
 DOSE_LAYER_UM, CONVERSION_LAYER_UM = 0.2, 0.5

@@ -12,6 +12,9 @@ from dlwpredict.heightmap import HeightMap
 from tests.press import Microscope, measure, microscope_from, press_from, print_part
 
 PITCH_UM = 0.4
+FINER = 3
+"""The press prints the target's pixels as squares of this many pixels a side, which resolve its focus."""
+
 STRUCTURES = {
     "cin": {"size_um": 46.0},
     "air": {"size_um": 46.0},
@@ -92,8 +95,10 @@ def recorded(case: Case) -> list[tuple[HeightMap, HeightMap]]:
     press, pairs = press_of(case), []
     for k, kind in enumerate(case.structures):
         part = target(kind)
-        printed = print_part(part.heights_um, part.dx_um, part.dy_um, press)
-        seen = measure(printed, part.dx_um, part.dy_um, microscope_of(case, part, rng), seed=1000 * case.seed + k)
+        heights = np.kron(part.heights_um, np.ones((FINER, FINER)))
+        dx, dy = part.dx_um / FINER, part.dy_um / FINER
+        printed = print_part(heights, dx, dy, press)
+        seen = measure(printed, dx, dy, microscope_of(case, part, rng), seed=1000 * case.seed + k)
         pairs.append((part, part.with_heights(seen.heights)))
     return pairs
 

@@ -1,0 +1,117 @@
+"""The content of diagnosis.yaml: what a diagnosis has to say, as plain numbers, texts and lists."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dlwpredict.diagnose import words
+from dlwpredict.diagnose.run import LEVEL, Diagnosis, Model
+from dlwpredict.diagnose.screen import POWER, Screen
+from dlwpredict.diagnose.select import Library, Named, strengths
+from dlwpredict.effects import library as every_effect
+from dlwpredict.flat import fittable
+
+FORMAT = "dlwpredict-diagnosis/1"
+
+
+def content_of(found: Diagnosis) -> dict[str, Any]:
+    """Return the content of diagnosis.yaml; commands and provenance are added by who knows them."""
+    findings = [_finding(found, item) for item in found.named]
+    blind = not_testable(found.library, found.screen) - {item.effect.name for item in found.named}
+    held = found.holdout_by
+    content = {
+        "format": FORMAT,
+        "verdict": found.verdict,
+        "sentence": words.sentence(found),
+        "noise_um": _short(np.sqrt(np.mean([n.model.sigma_um**2 for n in found.noises]))),
+        "noise_from": ", ".join(sorted({n.source for n in found.noises})),
+        "noise": [
+            {
+                "white_um": _short(n.model.white_um),
+                "correlated_um": _short(n.model.correlated_um),
+                "length_um": _short(n.model.length_um),
+                "smoothness": float(n.model.smoothness),
+            }
+            for n in found.noises
+        ],
+        "baseline": _model(found.baseline, found),
+        "extended": _model(found.extended, found),
+        "holdout_by": held,
+        "locations": [
+            {
+                "pair": place.pair,
+                "where": place.where,
+                "share": round(place.share, 3),
+                "p_value": _short(place.p_value),
+                "x_um": [round(v, 2) for v in place.x_um],
+                "y_um": [round(v, 2) for v in place.y_um],
+            }
+            for place in found.places
+        ],
+        "findings": findings,
+        "remainder": {
+            "significant": bool(found.extended.rest.p_value < LEVEL),
+            "rms_um": _short(found.extended.structure_um),
+            "p_value": _short(found.extended.rest.p_value),
+            "explained_share": round(found.explained, 3),
+            "description": words.remainder(found),
+        },
+        "tests": words.tests(found),
+        "not_testable": sorted(blind),
+        "tested": sorted(set(every_effect()) - blind),
+    }
+    return content
+
+
+def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
+    names = [item.effect.name, *item.alternatives]
+    rest, model = item.without, found.extended.fit
+    before, after = found.held_out(rest), found.held_out(model)
+    return {
+        "effects": names,
+        "side": words.side(names),
+        "statement": words.statement(found, item),
+        "parameters": {
+            effect.name: strengths(fitted, effect) for effect, fitted in [(item.effect, model), *item.members()]
+        },
+        "p_value": _short(item.p_value),
+        "gain": _short(item.gain),
+        "alternatives": [{"name": name, "loss": _short(other.loss)} for name, other in item.alternatives.items()],
+        "rmse_um": {"before": _short(rest.rmse_um()), "after": _short(model.rmse_um())},
+        "holdout_rmse_um": {"before": _short(before), "after": _short(after)},
+        "separate_by": words.separate_by(names) if len(names) > 1 else None,
+    }
+
+
+def _model(model: Model, found: Diagnosis) -> dict[str, Any]:
+    fitted = model.fit
+    sd = np.sqrt(np.diag(fitted.covariance()))
+    values: dict[str, Any] = {}
+    for k, name in enumerate(fitted.free.names):
+        declared = fittable(fitted.parameters)[name]
+        low, high = np.clip(fitted.point.vector[k] + 1.96 * sd[k] * np.array([-1, 1]), declared.low, declared.high)
+        values[name] = {
+            "value": _short(fitted.point.vector[k]), "low": _short(low), "high": _short(high), "unit": declared.unit,
+        }  # fmt: skip
+    return {
+        "rmse_um": _short(fitted.rmse_um()),
+        "holdout_rmse_um": _short(found.held_out(fitted)),
+        "parameters": values,
+    }
+
+
+def not_testable(library: Library, scored: Screen) -> set[str]:
+    """Return the effects that these data would miss more often than one time in ten, even at the end of their range."""
+    largest: dict[str, float] = dict.fromkeys(every_effect(), 0.0)
+    for candidate, visible in zip(library.chosen, scored.visible, strict=True):
+        declared = candidate.declaration
+        reach = max(abs(declared.high - candidate.off), abs(declared.low - candidate.off)) / abs(candidate.unit)
+        largest[candidate.name] = max(largest[candidate.name], float(visible * reach))
+    return {name for name, seen in largest.items() if seen < scored.threshold(LEVEL) + POWER}
+
+
+def _short(value: float | None) -> float | None:
+    """Return five significant digits."""
+    return None if value is None or not np.isfinite(value) else float(f"{float(value):.5g}")

@@ -1,0 +1,174 @@
+"""Where a residual differs from noise: maps of significance, and places in words with boxes around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, stats
+
+from dlwpredict.diagnose.competitor import Energy, Forms, energy
+from dlwpredict.diagnose.evidence import Whitened
+from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.screen import Null
+
+SCALES_PX = (1.0, 2.5, 6.0)
+"""Standard deviations of the bumps that are looked for, pixels."""
+
+DRAWS = 40
+"""Noise maps from which the spread of a score is known."""
+
+SURE = 0.95
+"""A pixel belongs to a place where the mismatch is at least this sure."""
+
+SIMPLER = 0.8
+"""A simpler family of forms is named where it explains this share of what the best one does."""
+
+MOST_PLACES = 3
+"""Places named per recording."""
+
+WHERE = {
+    "radius": "with the distance from the centre",
+    "height": "with the height of the part",
+    "x": "along x, the hatch direction",
+    "y": "along y, the scan direction",
+    "slope": "on slopes",
+    "curvature": "on ridges and in grooves",
+    "left edges": "left edges, where hatching begins, and up the hatch direction",
+    "right edges": "right edges, where hatching ends, and down the hatch direction",
+    "lower edges": "lower edges, where lines start, and up the scan direction",
+    "upper edges": "upper edges, where lines end, and down the scan direction",
+    "place": "in one place",
+}
+"""Families of free forms in words, the simplest first."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of the mismatch.
+
+    Parameters
+    ----------
+    pair : int
+    where : str
+        In words.
+    share : float
+        Share of the energy beyond noise, of all recordings together.
+    p_value : float
+    x_um, y_um : tuple of float
+        Box around it, from the map's centre, y upwards.
+    """
+
+    pair: int
+    where: str
+    share: float
+    p_value: float
+    x_um: tuple[float, float]
+    y_um: tuple[float, float]
+
+
+def scores(item: Whitened, residual: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Score bumps of three sizes at every pixel, shape (scales, rows, cols), standard deviations.
+
+    The best test for a bump g in noise of covariance C is gᵀC⁻¹r/√(gᵀC⁻¹g); C⁻¹r is WᵀW r, and the spread under noise
+    alone is that of drawn noise.
+
+    Parameters
+    ----------
+    item : Whitened
+    residual : numpy.ndarray, shape (points,)
+        Whitened.
+    seed : int
+        Of the drawn noise.
+    """
+    used = item.recording.used
+
+    def matched(white: np.ndarray) -> np.ndarray:
+        plane = np.zeros(used.shape)
+        plane[used] = item.matrix.T @ white
+        return np.stack([ndimage.gaussian_filter(plane, s, mode="constant") for s in SCALES_PX])
+
+    rng = np.random.default_rng(seed)
+    variance = sum(matched(rng.standard_normal(len(residual))) ** 2 for _ in range(DRAWS)) / DRAWS
+    smooth = [ndimage.gaussian_filter(v, 2 * s, mode="nearest") for v, s in zip(variance, SCALES_PX, strict=True)]
+    return np.where(used, matched(residual) / np.sqrt(np.maximum(smooth, 1e-30)), 0.0)
+
+
+def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return how surely each pixel differs beyond noise, 0 to 1, shape (rows, cols).
+
+    1 − p, with p corrected for the number of bumps that fit on the map side by side, at all sizes.
+    """
+    single = 2 * stats.norm.sf(np.abs(score))
+    bumps = np.array([max(used.sum() / (4 * np.pi * s**2), 1.0) for s in SCALES_PX])[:, None, None]
+    return np.where(used, 1 - np.minimum(single * bumps * len(SCALES_PX), 1).min(axis=0), 0.0)
+
+
+def locate(fitted: Fit, forms: Forms, null: Null) -> tuple[list[Place], list[np.ndarray]]:
+    """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`."""
+    whole = max(energy(fitted, forms.columns(forms.every), null).excess, 1e-9)
+    places, maps, first = [], [], 0
+    for k, item in enumerate(fitted.data):
+        residual = fitted.residual[first : first + item.recording.points]
+        first += item.recording.points
+        score = scores(item, residual, seed=k)
+        maps.append(mismatch(score, item.recording.used))
+        for family, found in _families(fitted, forms, null, k):
+            x_um, y_um, middle = _box(item, score, maps[-1], local=family == "place")
+            where = f"around x = {middle[0]:.1f}, y = {middle[1]:.1f} µm" if family == "place" else WHERE[family]
+            share = float(np.clip(found.excess / whole, 0, 1))
+            places.append(Place(k, where, share, found.p_value, x_um, y_um))
+    return sorted(places, key=lambda place: -place.share), maps
+
+
+def _families(fitted: Fit, forms: Forms, null: Null, k: int) -> list[tuple[str, Energy]]:
+    """Return the families that a recording's mismatch follows, each beside those before it."""
+    left = [family for family in WHERE if family in forms.families[k]]
+    found: list[tuple[str, Energy]] = []
+    level = 0.05 / (len(left) * len(fitted.data))
+    known = np.zeros((len(fitted.residual), 0))
+    before = 0.0
+    while left and len(found) < MOST_PLACES:
+        joint = {
+            family: energy(fitted, np.column_stack([known, forms.columns([(k, family)])]), null) for family in left
+        }
+        best = max(joint.values(), key=lambda e: e.excess).excess - before
+        family = next(f for f in left if joint[f].excess - before >= SIMPLER * best)
+        gained = Energy(joint[family].excess - before, energy(fitted, forms.columns([(k, family)]), null).p_value)
+        if gained.p_value > level or gained.excess < max(0.1 * before, 6.0):
+            break
+        found.append((family, gained))
+        known, before = np.column_stack([known, forms.columns([(k, family)])]), joint[family].excess
+        left.remove(family)
+    return found
+
+
+def _box(
+    item: Whitened, score: np.ndarray, sure: np.ndarray, *, local: bool
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Return the box (x, y) around the mismatch, and its strongest point, µm.
+
+    A local mismatch is the connected region about the strongest score; a wide one is where the middle 95 % of the
+    energy in sure pixels lie.
+    """
+    grid, strength = item.recording.target, np.abs(score).max(axis=0)
+    row, col = np.unravel_index(np.argmax(np.where(item.recording.used, strength, 0)), strength.shape)
+    region = sure >= SURE
+    if local:
+        bridged = ndimage.binary_closing(np.pad(region, 4), iterations=3)[4:-4, 4:-4] | region
+        labels, _ = ndimage.label(bridged, structure=np.ones((3, 3)))
+        region = (labels == labels[row, col]) if labels[row, col] else np.zeros_like(region)
+    if not region.any():
+        region = np.zeros_like(region)
+        region[max(row - 3, 0) : row + 4, max(col - 3, 0) : col + 4] = True
+    weight = np.where(region, strength**2, 0.0)
+
+    def ends(positions: np.ndarray, weights: np.ndarray, pitch: float) -> tuple[float, float]:
+        order = np.argsort(positions)
+        share = np.cumsum(weights[order]) / weights.sum()
+        low, high = positions[order][np.searchsorted(share, (0.025, 0.975))]
+        return float(low - pitch / 2), float(high + pitch / 2)
+
+    x_um = ends(grid.x_um, weight.sum(axis=0), grid.dx_um)
+    y_um = ends(grid.y_um, weight.sum(axis=1), grid.dy_um)
+    return x_um, y_um, (float(grid.x_um[col]), float(grid.y_um[row]))
