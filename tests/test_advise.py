@@ -118,7 +118,7 @@ def test_the_same_once_more_unturned_would_not_do(noisy):
 
 
 def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
-    """Print and record pads with vignetting and no noise; the best that field curvature can do is as far off as said."""
+    """Pads printed with vignetting and recorded without noise: the best that field curvature can do is as far off."""
     pads = next(setup for setup in new_designs(quiet) if setup.name == "pads")
     rows = triangle_of(present_columns(quiet, [VIGNETTING, CURVATURE]), quiet.nuisances)
     rows = np.vstack([rows, simulator(quiet, [VIGNETTING, CURVATURE])(pads, False)])

@@ -368,7 +368,7 @@ def new_designs(fitted: Fit) -> list[Setup]:
         options = {key: v if isinstance(v, int) else float(f"{v:.4g}") for key, v in (shared | own).items()}
         words = " ".join(f"--{key.replace('_', '-')} {value:.10g}" for key, value in (options | pitches).items())
         command = f"dlwpredict design {kind} -o next-{name}.tif {words}"
-        action = f"Print and record one more structure, next-{name}.tif ({KINDS[kind].meaning.split(':')[0]})"
+        action = f"Print and record one more structure, next-{name}.tif ({KINDS[kind].meaning})"
         found.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
     return found
 
