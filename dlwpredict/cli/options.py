@@ -42,6 +42,20 @@ Pairs = Annotated[
     typer.Option("--pair", metavar="TARGET ALIGNED", help="Target and aligned recording; once for each recording."),
 ]
 
+Holdouts = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--holdout", metavar="TARGET ALIGNED", help="A pair that is scored, never used in a fit; may be repeated."
+    ),
+]
+Repeats = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--repeat", metavar="ALIGNED AGAIN", help="A second recording of the same print: the noise is taken from both."
+    ),
+]
+_TWO_FILES = {"--pair": "TARGET ALIGNED", "--holdout": "TARGET ALIGNED", "--repeat": "ALIGNED AGAIN"}
+
 
 class PairCommand(TyperCommand):
     """A command whose ``--pair`` takes two files and may be repeated, which typer alone does not offer.
@@ -56,17 +70,17 @@ class PairCommand(TyperCommand):
         while rest:
             word = rest.pop(0)
             read.append(word)
-            if word == "--pair":
+            if word in _TWO_FILES:
                 files = rest[:2]
                 if len(files) < 2 or any(file.startswith("-") for file in files):
-                    raise typer.BadParameter("--pair takes two files, TARGET ALIGNED", ctx=ctx)
-                read += [files[0], "--pair", files[1]]
+                    raise typer.BadParameter(f"{word} takes two files, {_TWO_FILES[word]}", ctx=ctx)
+                read += [files[0], word, files[1]]
                 rest = rest[2:]
         return super().parse_args(ctx, read)
 
 
-def pairs_of(files: list[Path]) -> list[tuple[Path, Path]]:
-    """Return (target, recording) pairs.
+def pairs_of(files: list[Path], option: str = "--pair") -> list[tuple[Path, Path]]:
+    """Return the pairs of an option that takes two files, (target, recording) or (recording, repeat).
 
     Raises
     ------
@@ -74,14 +88,14 @@ def pairs_of(files: list[Path]) -> list[tuple[Path, Path]]:
         A recording is its own target, or stands in two pairs.
     """
     if len(files) % 2:
-        raise typer.BadParameter("--pair takes two files, TARGET ALIGNED")
+        raise typer.BadParameter(f"{option} takes two files, {_TWO_FILES[option]}")
     pairs = list(zip(files[::2], files[1::2], strict=True))
     seen: set[Path] = set()
     for target, recording in pairs:
         if target.resolve() == recording.resolve():
-            raise InputError("the recording is the target itself", where=recording, key="--pair")
+            raise InputError("the recording is the target itself", where=recording, key=option)
         if recording.resolve() in seen:
-            raise InputError("given in two pairs", where=recording, key="--pair", allowed="each recording once")
+            raise InputError("given in two pairs", where=recording, key=option, allowed="each recording once")
         seen.add(recording.resolve())
     return pairs
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.diagnose.evidence import prior_rows, stack
 from dlwpredict.diagnose.fit import Fit
@@ -90,6 +91,19 @@ def energy(fitted: Fit, columns: np.ndarray, null: Null) -> Energy:
     nulls = np.sum(null.along(basis) ** 2, axis=0)
     mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
     return Energy(found - mean, float(stats.chi2.sf(found * 2 * mean / variance, 2 * mean**2 / variance)))
+
+
+def structure_um(fitted: Fit, columns: np.ndarray) -> float:
+    """Return the root mean square of what columns explain of a residual, less what noise has there, µm."""
+    basis = _directions(fitted, columns)
+    found = basis @ (basis.T @ fitted.residual)
+    square, points, first = 0.0, 0, 0
+    for item in fitted.data:
+        rows = slice(first, first + item.recording.points)
+        square += float(np.sum(spsolve_triangular(item.matrix, found[rows], lower=True) ** 2))
+        points, first = points + item.recording.points, rows.stop
+    share = 1 - basis.shape[1] / max(float(found @ found), basis.shape[1])
+    return float(np.sqrt(max(share, 0) * square / points))
 
 
 def _directions(fitted: Fit, columns: np.ndarray) -> np.ndarray:

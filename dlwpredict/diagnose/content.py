@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from dlwpredict.diagnose import words
+from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.run import LEVEL, Diagnosis, Model
 from dlwpredict.diagnose.screen import POWER, Screen
 from dlwpredict.diagnose.select import Library, Named, strengths
 from dlwpredict.effects import library as every_effect
+from dlwpredict.effects.base import Effect
 from dlwpredict.flat import fittable
 
 FORMAT = "dlwpredict-diagnosis/1"
@@ -20,7 +22,6 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
     """Return the content of diagnosis.yaml; commands and provenance are added by who knows them."""
     findings = [_finding(found, item) for item in found.named]
     blind = not_testable(found.library, found.screen) - {item.effect.name for item in found.named}
-    held = found.holdout_by
     content = {
         "format": FORMAT,
         "verdict": found.verdict,
@@ -38,7 +39,7 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
         ],
         "baseline": _model(found.baseline, found),
         "extended": _model(found.extended, found),
-        "holdout_by": held,
+        "holdout_by": found.holdout_by,
         "locations": [
             {
                 "pair": place.pair,
@@ -66,22 +67,29 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
 
 
 def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
-    names = [item.effect.name, *item.alternatives]
-    rest, model = item.without, found.extended.fit
-    before, after = found.held_out(rest), found.held_out(model)
+    model = found.extended.fit
+    members = [(item.effect, model), *((other.effect, other.fit) for other in item.alternatives)]
     return {
-        "effects": names,
-        "side": words.side(names),
-        "statement": words.statement(found, item),
-        "parameters": {
-            effect.name: strengths(fitted, effect) for effect, fitted in [(item.effect, model), *item.members()]
-        },
+        "effects": item.names,
+        "side": words.side(item.names),
+        "statement": words.statement(item),
+        "parameters": {effect.name: _strengths(fitted, effect) for effect, fitted in members},
         "p_value": _short(item.p_value),
         "gain": _short(item.gain),
-        "alternatives": [{"name": name, "loss": _short(other.loss)} for name, other in item.alternatives.items()],
-        "rmse_um": {"before": _short(rest.rmse_um()), "after": _short(model.rmse_um())},
-        "holdout_rmse_um": {"before": _short(before), "after": _short(after)},
-        "separate_by": words.separate_by(names) if len(names) > 1 else None,
+        "alternatives": [{"name": other.effect.name, "loss": _short(other.loss)} for other in item.alternatives],
+        "rmse_um": {"before": _short(item.rest.rmse_um()), "after": _short(model.rmse_um())},
+        "holdout_rmse_um": {
+            "before": _short(found.held_out_um(item.rest)),
+            "after": _short(found.held_out_um(model)),
+        },
+        "separate_by": None,
+    }
+
+
+def _strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, Any]]:
+    found = strengths(fitted, effect)
+    return {
+        name: {key: _short(v) if key != "unit" else v for key, v in values.items()} for name, values in found.items()
     }
 
 
@@ -97,7 +105,7 @@ def _model(model: Model, found: Diagnosis) -> dict[str, Any]:
         }  # fmt: skip
     return {
         "rmse_um": _short(fitted.rmse_um()),
-        "holdout_rmse_um": _short(found.held_out(fitted)),
+        "holdout_rmse_um": _short(found.held_out_um(fitted)),
         "parameters": values,
     }
 

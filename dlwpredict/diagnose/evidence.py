@@ -61,9 +61,7 @@ def gradient(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     It reaches two pixels to either side, less than the rim of a wall that does not count: a jump of the map never
     passes for a slope.
     """
-    return (
-        ndimage.correlate1d(heights_um, np.array([1, -8, 0, 8, -1]) / 12, axis=axis, mode="nearest") / pitch_um
-    )
+    return ndimage.correlate1d(heights_um, np.array([1, -8, 0, 8, -1]) / 12, axis=axis, mode="nearest") / pitch_um
 
 
 def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:

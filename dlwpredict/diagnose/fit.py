@@ -105,6 +105,11 @@ class Fit:
         )
 
 
+def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
+    """Predict recordings with given parameters; only nuisances are fitted, and there are no derivatives."""
+    return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, None)
+
+
 def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
     """Fit from a start, and from a second one with a likelier focus where the start's is far from the prior.
 

@@ -10,11 +10,13 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.baseline import calibrated, noises
-from dlwpredict.diagnose.competitor import Energy, Forms, agreement, energy
+from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises
+from dlwpredict.diagnose.competitor import Energy, Forms, agreement, energy, structure_um
 from dlwpredict.diagnose.evidence import Whitened
-from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from
+from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
+from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
+from dlwpredict.diagnose.locate import Place, locate
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
 from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.diagnose.select import Library, Named, freed, named, select
@@ -22,6 +24,7 @@ from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
 from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import predict
 
 LEVEL = 0.025
 """Probability that noise alone is called structure; the naming of effects takes as much again."""
@@ -45,12 +48,15 @@ class Model:
     fit : Fit
     rest : Energy
         What free forms explain of the residual.
+    structure_um : float
+        Root mean square of that, µm.
     blocks, recordings : LeftOut or None
         Errors on blocks and on whole recordings that the fit had not seen.
     """
 
     fit: Fit
     rest: Energy
+    structure_um: float
     blocks: LeftOut | None
     recordings: LeftOut | None
 
@@ -74,6 +80,12 @@ class Diagnosis:
     forms : Forms
     agreement : Energy or None
         Whether every recording alone would give the same parameters.
+    places : tuple of Place
+        Where the baseline's mismatch sits.
+    mismatch : tuple of numpy.ndarray, shape (rows, cols)
+        How surely each pixel differs from the baseline beyond noise, 0 to 1.
+    holdout : tuple of Whitened
+        Recordings that no fit has seen.
     """
 
     recordings: tuple[Recording, ...]
@@ -86,6 +98,24 @@ class Diagnosis:
     null: Null
     forms: Forms
     agreement: Energy | None
+    places: tuple[Place, ...]
+    mismatch: tuple[np.ndarray, ...]
+    holdout: tuple[Whitened, ...] = ()
+
+    @property
+    def holdout_by(self) -> str:
+        """How data are kept from the fits."""
+        if self.holdout:
+            return "recordings held out"
+        return "recordings left out in turn" if len(self.recordings) > 1 else "blocks left out in turn"
+
+    def held_out_um(self, fitted: Fit) -> float | None:
+        """Return the root mean square error of a fit on data that it has not seen, µm."""
+        if self.holdout:
+            seen = placed(self.holdout, fitted.free, fitted.point.vector)
+            return seen.rmse_um()
+        found = left_out.recordings(fitted) or left_out.blocks(fitted)
+        return found.rmse_um if found else None
 
     @property
     def explained(self) -> float:
@@ -100,7 +130,7 @@ class Diagnosis:
             return "unexplained"
         if not self.named:
             return "none"
-        return "ambiguous" if self.named[0].alternatives else "identified"
+        return "identified" if len(self.named[0].names) == 1 else "ambiguous"
 
 
 def diagnose(
@@ -108,6 +138,7 @@ def diagnose(
     start: ParameterSet,
     *,
     repeats: Sequence[Sequence[HeightMap]] | None = None,
+    holdout: Sequence[Recording] = (),
     seed: int = 0,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
@@ -125,6 +156,8 @@ def diagnose(
         Effects that it holds belong to the baseline.
     repeats : sequence of sequence of HeightMap, optional
         Further recordings of the same prints, for each recording.
+    holdout : sequence of Recording
+        Scored, never used in a fit or a choice.
     seed : int
     tell : function of str
         Told what goes on.
@@ -162,6 +195,7 @@ def diagnose(
     tell("judging")
     forms = Forms.of(baseline)
     judged = _judged(baseline, forms, null)
+    places, mismatch = locate(baseline, forms, null)
     return Diagnosis(
         recordings,
         tuple(noise),
@@ -173,12 +207,25 @@ def diagnose(
         null,
         forms,
         agreement(baseline, null),
+        tuple(places),
+        tuple(mismatch),
+        tuple(_held_out(bare(recording), baseline) for recording in holdout),
     )
 
 
+def _held_out(recording: Recording, baseline: Fit) -> Whitened:
+    """Whiten a recording by the noise of its own."""
+    parameters = baseline.parameters
+    predicted = predict(recording.target, parameters, as_measured=True).heights_um
+    residual = np.where(recording.used, recording.measured.heights_um - predicted, 0.0)
+    noise = noises([recording], [residual], [smooth_forms(recording.target)], [()])[0]
+    return Whitened.of(recording, noise.model, discretisation_um(recording, parameters))
+
+
 def _judged(fitted: Fit, forms: Forms, null: Null) -> Model:
-    rest = energy(fitted, forms.columns(forms.every), null)
-    return Model(fitted, rest, left_out.blocks(fitted), left_out.recordings(fitted))
+    columns = forms.columns(forms.every)
+    rest, structure = energy(fitted, columns, null), structure_um(fitted, columns)
+    return Model(fitted, rest, structure, left_out.blocks(fitted), left_out.recordings(fitted))
 
 
 def _alike(one: Noise, other: Noise) -> bool:

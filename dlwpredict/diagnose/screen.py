@@ -12,6 +12,9 @@ from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
 
+POWER = 1.28
+"""An effect whose score would exceed the threshold by this much is found nine times in ten."""
+
 DRAWS = 200
 """Maps of noise that the null distribution is made of."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,25 @@ FORM_ERROR = 0.15
 
 
 @dataclass(frozen=True, eq=False)
+class Alternative:
+    """An effect that would do nearly as well in another one's place.
+
+    Parameters
+    ----------
+    effect : Effect
+        As fitted.
+    loss : float
+        2 ln L that the model loses with it.
+    fit : Fit
+        The model with it.
+    """
+
+    effect: Effect
+    loss: float
+    fit: Fit
+
+
+@dataclass(frozen=True, eq=False)
 class Named:
     """An effect in the model, and those that would do nearly as well in its place.
 
@@ -47,14 +66,23 @@ class Named:
         2 ln L that it brings beside the others.
     p_value : float
         Family-wise.
-    alternatives : dict
-        Name to what 2 ln L loses with that effect in this one's place; below `INDISTINCT` only.
+    fit, rest : Fit
+        The model with it and without.
+    alternatives : tuple of Alternative
+        The likeliest first.
     """
 
     effect: Effect
     gain: float
     p_value: float
-    alternatives: dict[str, float] = field(default_factory=dict)
+    fit: Fit
+    rest: Fit
+    alternatives: tuple[Alternative, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """The whole class, most likely first."""
+        return [self.effect.name, *(other.effect.name for other in self.alternatives)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +152,10 @@ def select(
             break
         tried = refits(model, library, scores)
         tell(", ".join(f"{name} {model.chi2 - t.chi2:.0f}" for name, t in tried.items()))
-        name = max(tried, key=lambda n: model.chi2 - tried[n].chi2 - 2 * len(tried[n].free.names))
-        grown = fit(tried[name].data, tried[name].free, start=tried[name].point.vector, known=tried[name])
-        if model.chi2 - grown.chi2 < scores.threshold(LEVEL) ** 2 or not _inside(grown, name):
+        order = sorted(tried, key=lambda n: tried[n].chi2 + 2 * len(tried[n].free.names))
+        limit = scores.threshold(LEVEL) ** 2
+        grown = next((g for g in (_settled(tried[n]) for n in order) if _convinces(g, model, limit)), None)
+        if grown is None:
             break
         model = grown
     return _backward(model, baseline, library, null)
@@ -175,10 +204,20 @@ def _idle(effect: Effect, name: str) -> bool:
     return not any(matters(type(effect), s, name) for s in on)
 
 
+def _settled(found: Fit) -> Fit:
+    """Return a quick refit brought to rest with derivatives of its own."""
+    return fit(found.data, found.free, start=found.point.vector, known=found)
+
+
+def _convinces(grown: Fit, model: Fit, limit: float) -> bool:
+    """Tell whether the last effect gains enough, with a strength whose 95 % interval leaves out its off value."""
+    return model.chi2 - grown.chi2 > limit and _inside(grown, grown.parameters.effects[-1].name)
+
+
 def _inside(fitted: Fit, name: str) -> bool:
     """Tell whether a 95 % interval of any strength of the effect leaves out its off value."""
     sd = np.sqrt(np.diag(fitted.covariance()))
-    effect = next(e for e in fitted.parameters.effects if e.name == name)
+    effect = _effect(fitted, name)
     for switch in effect.switches():
         k = fitted.free.index(f"{name}.{switch}")
         if k is not None and abs(fitted.point.vector[k] - declarations(effect)[switch][0]) > 1.96 * sd[k]:
@@ -216,13 +255,17 @@ def _named(model: Fit, baseline: Fit, effect: Effect, library: Library, null: Nu
     own = [k for k, candidate in enumerate(library.chosen) if candidate.name == effect.name]
     gain = rest.chi2 - model.chi2
     limit = max(INDISTINCT, FORM_ERROR**2 * gain)
-    losses = {
-        other: fitted.chi2 - model.chi2
-        for other, fitted in refits(rest, library, scores).items()
-        if other != effect.name
-    }
-    close = {other: loss for other, loss in sorted(losses.items(), key=lambda item: item[1]) if loss < limit}
-    return Named(effect, gain, scores.p_value(np.abs(scores.z[own]).max()), close)
+    others = [
+        Alternative(_effect(fitted, name), fitted.chi2 - model.chi2, fitted)
+        for name, fitted in refits(rest, library, scores).items()
+        if name != effect.name
+    ]
+    close = sorted((other for other in others if other.loss < limit), key=lambda other: other.loss)
+    return Named(effect, gain, scores.p_value(np.abs(scores.z[own]).max()), model, rest, tuple(close))
+
+
+def _effect(fitted: Fit, name: str) -> Effect:
+    return next(effect for effect in fitted.parameters.effects if effect.name == name)
 
 
 def strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, float | str]]:

@@ -1,0 +1,78 @@
+"""A diagnosis in the words of the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from dlwpredict.diagnose.run import LEVEL, Diagnosis
+from dlwpredict.diagnose.select import Named, strengths
+from dlwpredict.effects import library
+from dlwpredict.parameters import declarations
+
+
+def side(names: Sequence[str]) -> str:
+    """Return the side of a class: print, measurement, or undecided where it has members on both."""
+    sides = {library()[name].side for name in names}
+    return sides.pop() if len(sides) == 1 else "undecided"
+
+
+def sentence(found: Diagnosis) -> str:
+    """Return the verdict in one sentence."""
+    before, after = 1e3 * found.baseline.fit.rmse_um(), 1e3 * found.extended.fit.rmse_um()
+    if found.verdict == "none":
+        return (
+            f"Nothing beyond noise: the model predicts these recordings to {before:.1f} nm, the rest looks like noise."
+        )
+    if found.verdict == "unexplained":
+        named = " and ".join(item.effect.name for item in found.named)
+        partly = f" {named} explains {found.explained:.0%} of it." if named else ""
+        return f"Recording and prediction differ beyond noise in a way that no named effect explains.{partly}"
+    first = found.named[0]
+    gain = f"the error falls from {before:.1f} to {after:.1f} nm"
+    others = [item.effect.name for item in found.named[1:]]
+    more = f", with {' and '.join(others)}" if others else ""
+    if found.verdict == "identified":
+        return f"The model lacks {first.effect.name}{more}: {first.effect.meaning}; {gain}."
+    return f"The model lacks one of {', '.join(first.names)}{more}, which these data cannot tell apart; {gain}."
+
+
+def statement(item: Named) -> str:
+    """Return a finding in one or two sentences."""
+    effect, sizes = item.effect, strengths(item.fit, item.effect)
+    said = []
+    for name, size in sizes.items():
+        meaning, unit = declarations(effect)[name][1].meaning, "" if size["unit"] == "1" else f" {size['unit']}"
+        said.append(f"{meaning}: {size['value']:.3g}{unit} ({size['low']:.3g} to {size['high']:.3g})")
+    text = f"{effect.meaning[0].upper()}{effect.meaning[1:]}; {'; '.join(said)}."
+    if item.alternatives:
+        text += f" {', '.join(item.names[1:])} would fit nearly as well."
+    return text
+
+
+def remainder(found: Diagnosis) -> str:
+    """Return what is left, in words."""
+    rest = found.extended.rest
+    if rest.p_value >= LEVEL:
+        return "What is left looks like noise."
+    share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
+    return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."
+
+
+def tests(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return the tests that need no library of effects."""
+    p_value = found.baseline.rest.p_value
+    more = "more of the residual than of noise" if p_value < LEVEL else "no more of the residual than of noise"
+    said = [
+        {
+            "name": "structure beyond noise",
+            "p_value": p_value,
+            "statement": f"free forms (height, radius, edges, slope, place) explain {more}",
+        }
+    ]
+    if found.agreement:
+        p_value = found.agreement.p_value
+        other = "other parameters: the model does not transfer" if p_value < LEVEL else "the same parameters"
+        text = f"every recording alone would give {other}"
+        said.append({"name": "one process for all recordings", "p_value": p_value, "statement": text})
+    return said
