@@ -6,26 +6,32 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.fast import fast
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.diagnose.freeform import smooth_forms
-from dlwpredict.diagnose.noise_fit import NoiseEstimate, estimate
+from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
+
+GAIN = 1e-3
+"""The descent with free shifts ends when the next step promises less than this share of the cost."""
 
 ALIKE = 1e-6
 """Share of the largest energy below which a direction is dropped."""
 
 
 def calibrated(recordings: Sequence[Recording], free: Free, seed: int) -> Point:
-    """Fit by robust least squares, lateral shifts free: the start of the likelihood."""
-    problem = Problem(tuple(recordings), free).with_loss_scaled(
-        Problem(tuple(recordings), free).at(free.start), robust=True
-    )
-    return fast(problem, problem.at(free.start), seed=seed)
+    """Fit by robust least squares, then once more with lateral shifts free: the start of the likelihood."""
+    problem = Problem(tuple(recordings), free, threads=1)
+    start = problem.at(free.start)
+    problem = problem.with_loss_scaled(start, robust=True)
+    point = fast(problem, problem.compared(start.vector, start.traces), seed=seed)
+    problem = problem.with_loss_scaled(point, robust=True).with_free_shift(point)
+    return descend(problem, problem.compared(point.vector, point.traces), gain=GAIN, iterations=10)
 
 
 def noises(
@@ -33,6 +39,7 @@ def noises(
     residuals_um: Sequence[np.ndarray],
     designs: Sequence[np.ndarray],
     repeats: Sequence[Sequence[HeightMap]],
+    like: Sequence[NoiseEstimate] | None = None,
 ) -> list[NoiseEstimate]:
     """Estimate every recording's noise: from its repeats where there are any, else from the residual.
 
@@ -45,19 +52,24 @@ def noises(
         What may be in the residual besides noise: derivatives, signatures of named effects, smooth forms.
     repeats : sequence of sequence of HeightMap
         Further recordings of the same print, on the same grid, for each recording; may be empty.
+    like : sequence of NoiseEstimate, optional
+        Earlier estimates, whose kind of correlation is kept.
     """
     found = []
-    for recording, residual, design, others in zip(recordings, residuals_um, designs, repeats, strict=True):
+    kinds = [(known.model.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
+    for recording, residual, design, others, kind in zip(
+        recordings, residuals_um, designs, repeats, kinds, strict=True
+    ):
         used, pitch = recording.used, (recording.target.dx_um, recording.target.dy_um)
         if others:
             difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
             both = used & np.isfinite(difference)
             level = smooth_forms(recording.target)
             found.append(
-                estimate(np.where(both, difference, 0.0), both, pitch, compressed(level, both), source="repeats")
+                estimate(np.where(both, difference, 0.0), both, pitch, compressed(level, both), kind, source="repeats")
             )
         else:
-            found.append(estimate(residual, used, pitch, compressed(design, used)))
+            found.append(estimate(residual, used, pitch, compressed(design, used), kind))
     return found
 
 

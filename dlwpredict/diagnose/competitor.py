@@ -5,7 +5,6 @@ This is the test that needs no library, the judge of every name, and the source 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,63 +57,93 @@ class Forms:
             found.append({family: item.white(columns) for family, columns in forms.items()})
         return cls(tuple(found))
 
-    def columns(self, chosen: Sequence[tuple[int, str]]) -> np.ndarray:
-        """Return the columns of some families as rows of all recordings, priors included."""
-        below = prior_rows(len(self.families))
-        blocks = []
-        for k, family in chosen:
-            own = self.families[k][family]
-            parts = [own if j == k else np.zeros((_points(f), own.shape[1])) for j, f in enumerate(self.families)]
-            blocks.append(stack(parts, below))
-        return np.concatenate(blocks, axis=1)
-
     @property
     def every(self) -> list[tuple[int, str]]:
         """All (recording, family)."""
         return [(k, family) for k, families in enumerate(self.families) for family in families]
+
+    @property
+    def columns(self) -> np.ndarray:
+        """All columns as rows of all recordings, priors included, in the order of `every`."""
+        blocks = []
+        for k, family in self.every:
+            own = self.families[k][family]
+            parts = [own if j == k else np.zeros((_points(f), own.shape[1])) for j, f in enumerate(self.families)]
+            blocks.append(stack(parts, prior_rows(len(self.families))))
+        return np.concatenate(blocks, axis=1)
+
+    @property
+    def places(self) -> dict[tuple[int, str], np.ndarray]:
+        """Which of the columns belong to each (recording, family)."""
+        ends = np.cumsum([0, *(self.families[k][family].shape[1] for k, family in self.every)])
+        return {key: np.arange(a, b) for key, a, b in zip(self.every, ends, ends[1:], strict=False)}
 
 
 def _points(families: dict[str, np.ndarray]) -> int:
     return len(next(iter(families.values())))
 
 
-def energy(fitted: Fit, columns: np.ndarray, null: Null) -> Energy:
-    """Return the energy of a fit's residual along columns, beside what the fit itself may move.
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Columns beside what a fit itself may move, with all scalar products that tests on parts of them need.
 
-    Noise alone has there a χ² whose mean and variance are those of the null's draws (Satterthwaite), noise models
-    that differ from draw to draw included.
+    Parameters
+    ----------
+    columns : numpy.ndarray, shape (rows, columns)
+        Of length 1 before the fit's own directions were taken out.
+    products : numpy.ndarray, shape (columns, columns)
+    residual : numpy.ndarray, shape (columns,)
+        With the fit's residual.
+    draws : numpy.ndarray, shape (columns, draws)
+        With the null's draws.
     """
-    basis = _directions(fitted, columns)
-    if not basis.shape[1]:
-        return Energy(0.0, 1.0)
-    found = float(np.sum((basis.T @ fitted.residual) ** 2))
-    nulls = np.sum(null.along(basis) ** 2, axis=0)
-    mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
-    return Energy(found - mean, float(stats.chi2.sf(found * 2 * mean / variance, 2 * mean**2 / variance)))
 
+    columns: np.ndarray
+    products: np.ndarray
+    residual: np.ndarray
+    draws: np.ndarray
 
-def structure_um(fitted: Fit, columns: np.ndarray) -> float:
-    """Return the root mean square of what columns explain of a residual, less what noise has there, µm."""
-    basis = _directions(fitted, columns)
-    found = basis @ (basis.T @ fitted.residual)
-    square, points, first = 0.0, 0, 0
-    for item in fitted.data:
-        rows = slice(first, first + item.recording.points)
-        square += float(np.sum(spsolve_triangular(item.matrix, found[rows], lower=True) ** 2))
-        points, first = points + item.recording.points, rows.stop
-    share = 1 - basis.shape[1] / max(float(found @ found), basis.shape[1])
-    return float(np.sqrt(max(share, 0) * square / points))
+    @classmethod
+    def of(cls, fitted: Fit, columns: np.ndarray, null: Null) -> Beside:
+        """Take out of columns what a fit may move."""
+        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        own = fitted.basis
+        left = scaled - own @ (own.T @ scaled)
+        left -= own @ (own.T @ left)
+        return cls(left, left.T @ left, left.T @ fitted.residual, null.along(left))
 
+    def energy(self, chosen: np.ndarray | slice = slice(None)) -> Energy:
+        """Return the energy of the residual along some of the columns.
 
-def _directions(fitted: Fit, columns: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of the columns beside the fit's own, shape (rows, directions)."""
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    own = fitted.basis
-    left = scaled - own @ (own.T @ scaled)
-    left -= own @ (own.T @ left)
-    values, vectors = np.linalg.eigh(left.T @ left)
-    real = values > SMALLEST * max(values[-1], SMALLEST)
-    return left @ (vectors[:, real] / np.sqrt(values[real]))
+        Noise alone has there a χ² whose mean and variance are those of the null's draws (Satterthwaite), noise models
+        that differ from draw to draw included.
+        """
+        turn = self._directions(chosen)
+        if not turn.shape[1]:
+            return Energy(0.0, 1.0)
+        found = float(np.sum((turn.T @ self.residual[chosen]) ** 2))
+        nulls = np.sum((turn.T @ self.draws[chosen]) ** 2, axis=0)
+        mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
+        return Energy(found - mean, float(stats.chi2.sf(found * 2 * mean / variance, 2 * mean**2 / variance)))
+
+    def _directions(self, chosen: np.ndarray | slice) -> np.ndarray:
+        """Return the matrix that makes an orthonormal basis of some columns, shape (columns, directions)."""
+        values, vectors = np.linalg.eigh(self.products[chosen][:, chosen])
+        real = values > SMALLEST * max(values[-1], SMALLEST)
+        return vectors[:, real] / np.sqrt(values[real])
+
+    def structure_um(self, fitted: Fit) -> float:
+        """Return the root mean square of what the columns explain of the residual, less what noise has there, µm."""
+        turn = self._directions(slice(None))
+        along = turn.T @ self.residual
+        found = self.columns @ (turn @ along)
+        square, points, first = 0.0, 0, 0
+        for item in fitted.data:
+            rows = slice(first, first + item.recording.points)
+            square += float(np.sum(spsolve_triangular(item.matrix, found[rows], lower=True) ** 2))
+            points, first = points + item.recording.points, rows.stop
+        share = 1 - len(along) / max(float(along @ along), len(along), 1.0)
+        return float(np.sqrt(share * square / points))
 
 
 def agreement(fitted: Fit, null: Null) -> Energy | None:
@@ -131,4 +160,4 @@ def agreement(fitted: Fit, null: Null) -> Energy | None:
         own[first:last] = fitted.jacobian[first:last]
         blocks.append(own)
         first = last
-    return energy(fitted, np.concatenate(blocks, axis=1), null)
+    return Beside.of(fitted, np.concatenate(blocks, axis=1), null).energy()

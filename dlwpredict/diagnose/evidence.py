@@ -177,10 +177,12 @@ def nuisance_fit(
     for own, residual, goal in zip(columns, residuals, goals, strict=True):
         block, target = np.concatenate([own, prior]), np.concatenate([residual, goal])
         scale = np.maximum(np.linalg.norm(block, axis=0), 1e-12)
-        left, sizes, right = np.linalg.svd(block / scale, full_matrices=False)
-        real = sizes > 1e-8 * sizes[0]
-        found.append((right[real].T @ (left[:, real].T @ target / sizes[real])) / scale)
-        bases.append(left[:, real])
+        block = block / scale
+        energies, turn = np.linalg.eigh(block.T @ block)
+        real = energies > 1e-12 * energies[-1]
+        turn = turn[:, real] / np.sqrt(energies[real])
+        bases.append(block @ turn)
+        found.append(turn @ (bases[-1].T @ target) / scale)
     data = sparse.block_diag([b[: len(r)] for b, r in zip(bases, residuals, strict=True)]).toarray()
     below = sparse.block_diag([b[len(r) :] for b, r in zip(bases, residuals, strict=True)]).toarray()
     basis = np.concatenate([data, below, np.zeros((len(WIDTHS), data.shape[1]))])

@@ -107,7 +107,7 @@ class Fit:
 
 def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
     """Predict recordings with given parameters; only nuisances are fitted, and there are no derivatives."""
-    return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, None)
+    return _at(Problem(tuple(bare(item.recording) for item in data), free, threads=1), data, vector, None)
 
 
 def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
@@ -156,7 +156,7 @@ def fit(
         Update the derivatives by Broyden's secant instead of computing them anew at each step; the derivatives
         that `known` has are taken from it. Much cheaper, and enough to rank candidates.
     """
-    problem = Problem(tuple(bare(item.recording) for item in data), free)
+    problem = Problem(tuple(bare(item.recording) for item in data), free, threads=1)
     vector = free.allowed(np.array(free.start if start is None else start))
     now = _at(problem, data, vector, known.point if known else None)
     now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))
@@ -216,7 +216,7 @@ def _jacobian(problem: Problem, now: Fit, known: Fit | None) -> np.ndarray:
         chosen = [names[k] for k in missing]
         partial = replace(problem.free, base=problem.free.parameters(now.point.vector), names=tuple(chosen),
                           low=problem.free.low[missing], high=problem.free.high[missing])  # fmt: skip
-        sub = Problem(problem.recordings, partial)
+        sub = replace(problem, free=partial, numerics=now.point.traces[0].numerics)
         raw = sub.jacobian(replace(now.point, vector=now.point.vector[missing]))
         parts = [item.matrix @ columns for item, columns in zip(now.data, raw, strict=True)]
         jacobian[:, missing] = stack(parts, prior_rows(len(now.data)))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, stats
 
-from dlwpredict.diagnose.competitor import Energy, Forms, energy
+from dlwpredict.diagnose.competitor import Beside, Energy, Forms
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.screen import Null
 
 SCALES_PX = (1.0, 2.5, 6.0)
 """Standard deviations of the bumps that are looked for, pixels."""
@@ -104,16 +103,16 @@ def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
     return np.where(used, 1 - np.minimum(single * bumps * len(SCALES_PX), 1).min(axis=0), 0.0)
 
 
-def locate(fitted: Fit, forms: Forms, null: Null) -> tuple[list[Place], list[np.ndarray]]:
+def locate(fitted: Fit, forms: Forms, beside: Beside) -> tuple[list[Place], list[np.ndarray]]:
     """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`."""
-    whole = max(energy(fitted, forms.columns(forms.every), null).excess, 1e-9)
+    whole = max(beside.energy().excess, 1e-9)
     places, maps, first = [], [], 0
     for k, item in enumerate(fitted.data):
         residual = fitted.residual[first : first + item.recording.points]
         first += item.recording.points
         score = scores(item, residual, seed=k)
         maps.append(mismatch(score, item.recording.used))
-        for family, found in _families(fitted, forms, null, k):
+        for family, found in _families(forms, beside, k):
             x_um, y_um, middle = _box(item, score, maps[-1], local=family == "place")
             where = f"around x = {middle[0]:.1f}, y = {middle[1]:.1f} µm" if family == "place" else WHERE[family]
             share = float(np.clip(found.excess / whole, 0, 1))
@@ -121,24 +120,21 @@ def locate(fitted: Fit, forms: Forms, null: Null) -> tuple[list[Place], list[np.
     return sorted(places, key=lambda place: -place.share), maps
 
 
-def _families(fitted: Fit, forms: Forms, null: Null, k: int) -> list[tuple[str, Energy]]:
+def _families(forms: Forms, beside: Beside, k: int) -> list[tuple[str, Energy]]:
     """Return the families that a recording's mismatch follows, each beside those before it."""
     left = [family for family in WHERE if family in forms.families[k]]
+    level = 0.05 / (len(left) * len(forms.families))
+    columns, known, before = forms.places, np.zeros(0, dtype=int), 0.0
     found: list[tuple[str, Energy]] = []
-    level = 0.05 / (len(left) * len(fitted.data))
-    known = np.zeros((len(fitted.residual), 0))
-    before = 0.0
     while left and len(found) < MOST_PLACES:
-        joint = {
-            family: energy(fitted, np.column_stack([known, forms.columns([(k, family)])]), null) for family in left
-        }
-        best = max(joint.values(), key=lambda e: e.excess).excess - before
-        family = next(f for f in left if joint[f].excess - before >= SIMPLER * best)
-        gained = Energy(joint[family].excess - before, energy(fitted, forms.columns([(k, family)]), null).p_value)
+        joint = {family: beside.energy(np.append(known, columns[k, family])).excess - before for family in left}
+        best = max(joint.values())
+        family = next(f for f in left if joint[f] >= SIMPLER * best)
+        gained = Energy(joint[family], beside.energy(columns[k, family]).p_value)
         if gained.p_value > level or gained.excess < max(0.1 * before, 6.0):
             break
         found.append((family, gained))
-        known, before = np.column_stack([known, forms.columns([(k, family)])]), joint[family].excess
+        known, before = np.append(known, columns[k, family]), before + gained.excess
         left.remove(family)
     return found
 

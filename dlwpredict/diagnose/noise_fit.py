@@ -57,8 +57,16 @@ class NoiseEstimate:
         return _floored(_at(self.model, self.place + step))
 
 
-def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, float], smooth: np.ndarray,
-             source: str = "residual", seed: int = 0) -> NoiseEstimate:  # fmt: skip
+def estimate(
+    values_um: np.ndarray,
+    used: np.ndarray,
+    pitch_um: tuple[float, float],
+    smooth: np.ndarray,
+    kinds: Sequence[float] = SMOOTHNESSES,
+    *,
+    source: str = "residual",
+    seed: int = 0,
+) -> NoiseEstimate:
     """Estimate the noise of a map.
 
     Parameters
@@ -70,6 +78,8 @@ def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, flo
         (dx, dy).
     smooth : numpy.ndarray, shape (columns, rows, cols)
         What may be in the values besides noise.
+    kinds : sequence of float
+        Smoothnesses of the correlation that are tried.
     source : str
     seed : int
         Of the choice of points.
@@ -78,7 +88,7 @@ def estimate(values_um: np.ndarray, used: np.ndarray, pitch_um: tuple[float, flo
     neighbours = Neighbourhood(used, *pitch_um, near_px=2, far_px=(4, 8, 16))
     draw = np.random.default_rng(seed)
     likelihood = _Likelihood(neighbours, _some(np.arange(len(y)), draw), y, design)
-    model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), SMOOTHNESSES)
+    model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds)
     quiet = likelihood.quiet(model)
     if len(quiet) < len(y):
         likelihood = replace(likelihood, chosen=_some(quiet, draw))

@@ -11,7 +11,7 @@ from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises
-from dlwpredict.diagnose.competitor import Energy, Forms, agreement, energy, structure_um
+from dlwpredict.diagnose.competitor import Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
@@ -19,7 +19,7 @@ from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.locate import Place, locate
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
 from dlwpredict.diagnose.screen import Null, Screen
-from dlwpredict.diagnose.select import Library, Named, freed, named, select
+from dlwpredict.diagnose.select import Library, Named, Search, freed
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
@@ -184,26 +184,30 @@ def diagnose(
         ]
         baseline = fit_from(data, free, vector)
         library, null = Library.of(around, data), Null.of(data, noise, seed)
+        search = Search(baseline, library, null, tell)
         begun = fit(data, model.free, start=model.point.vector) if model else None
-        model = select(baseline, library, null, start=begun, tell=tell)
+        model = search.select(begun)
         if model is baseline:
             break
         vector, residuals = baseline.point.vector, [np.nan_to_num(model.residual_um(k)) for k in range(len(data))]
-        before, noise = noise, noises(recordings, residuals, around.designs, repeats)
+        before, noise = noise, noises(recordings, residuals, around.designs, repeats, like=noise)
         if all(_alike(a.model, b.model) for a, b in zip(noise, before, strict=True)):
             break
     tell("judging")
     forms = Forms.of(baseline)
-    judged = _judged(baseline, forms, null)
-    places, mismatch = locate(baseline, forms, null)
+    columns = forms.columns
+    beside = Beside.of(baseline, columns, null)
+    places, mismatch = locate(baseline, forms, beside)
+    judged = _judged(baseline, beside)
+    extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null))
     return Diagnosis(
         recordings,
         tuple(noise),
         judged,
-        judged if model is baseline else _judged(model, forms, null),
-        tuple(named(model, baseline, library, null)),
+        extended,
+        tuple(search.named(model)),
         library,
-        library.screen(baseline, null),
+        search.screen(baseline),
         null,
         forms,
         agreement(baseline, null),
@@ -222,10 +226,10 @@ def _held_out(recording: Recording, baseline: Fit) -> Whitened:
     return Whitened.of(recording, noise.model, discretisation_um(recording, parameters))
 
 
-def _judged(fitted: Fit, forms: Forms, null: Null) -> Model:
-    columns = forms.columns(forms.every)
-    rest, structure = energy(fitted, columns, null), structure_um(fitted, columns)
-    return Model(fitted, rest, structure, left_out.blocks(fitted), left_out.recordings(fitted))
+def _judged(fitted: Fit, beside: Beside) -> Model:
+    return Model(
+        fitted, beside.energy(), beside.structure_um(fitted), left_out.blocks(fitted), left_out.recordings(fitted)
+    )
 
 
 def _alike(one: Noise, other: Noise) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -121,61 +121,106 @@ class Library:
         return screen(fitted, self.columns * absent, self.signs, null)
 
 
-def select(
-    baseline: Fit,
-    library: Library,
-    null: Null,
-    *,
-    start: Fit | None = None,
-    tell: Callable[[str], None] = lambda text: None,
-) -> Fit:
-    """Grow the model effect by effect while noise cannot explain the next one; then try to do without each.
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The search for the effects that a baseline lacks.
 
     Parameters
     ----------
     baseline : Fit
     library : Library
     null : Null
-    start : Fit, optional
-        A model with effects to begin with, on the same data.
     tell : function of str
-
-    Returns
-    -------
-    Fit
-        With the named effects among its parameters; the baseline itself where there are none.
+        Told what was tried.
     """
-    model = start or baseline
-    while len(added(model, baseline)) < MOST_EFFECTS:
-        scores = library.screen(model, null)
-        if scores.p_value(np.abs(scores.z).max()) > LEVEL:
-            break
-        tried = refits(model, library, scores)
-        tell(", ".join(f"{name} {model.chi2 - t.chi2:.0f}" for name, t in tried.items()))
-        order = sorted(tried, key=lambda n: tried[n].chi2 + 2 * len(tried[n].free.names))
-        limit = scores.threshold(LEVEL) ** 2
-        grown = next((g for g in (_settled(tried[n]) for n in order) if _convinces(g, model, limit)), None)
-        if grown is None:
-            break
-        model = grown
-    return _backward(model, baseline, library, null)
 
+    baseline: Fit
+    library: Library
+    null: Null
+    tell: Callable[[str], None] = lambda text: None
+    tried: dict[Fit, dict[str, Fit]] = field(default_factory=dict, repr=False)
 
-def added(model: Fit, baseline: Fit) -> list[Effect]:
-    """Return the effects that the model has and the baseline has not."""
-    known = {effect.name for effect in baseline.parameters.effects}
-    return [effect for effect in model.parameters.effects if effect.name not in known]
+    def screen(self, model: Fit) -> Screen:
+        """Score every candidate beside a model."""
+        return self.library.screen(model, self.null)
 
+    def select(self, start: Fit | None = None) -> Fit:
+        """Grow the model effect by effect while noise cannot explain the next one; then try to do without each.
 
-def refits(model: Fit, library: Library, scores: Screen, most: int = SHORTLIST) -> dict[str, Fit]:
-    """Refit the effects that score best, each from its best shape, together with all that the model has."""
-    strength = np.abs(scores.z)
-    order = np.argsort(-strength)
-    chosen: dict[str, int] = {}
-    for k in order:
-        if strength[k] >= max(0.5 * strength[order[0]], 1e-9) and len(chosen) < most:
-            chosen.setdefault(library.chosen[k].name, int(k))
-    return {name: refit(model, library.chosen[k], START_SHARE * scores.amplitude[k]) for name, k in chosen.items()}
+        Parameters
+        ----------
+        start : Fit, optional
+            A model with effects to begin with, on the same data.
+
+        Returns
+        -------
+        Fit
+            With the named effects among its parameters; the baseline itself where there are none.
+        """
+        model = start or self.baseline
+        while len(self.added(model)) < MOST_EFFECTS:
+            scores = self.screen(model)
+            if scores.p_value(np.abs(scores.z).max()) > LEVEL:
+                break
+            tried = self.refits(model)
+            order = sorted(tried, key=lambda n: tried[n].chi2 + 2 * len(tried[n].free.names))
+            limit = scores.threshold(LEVEL) ** 2
+            grown = next((g for g in (_settled(tried[n]) for n in order) if _convinces(g, model, limit)), None)
+            if grown is None:
+                break
+            model = grown
+        return self._backward(model)
+
+    def added(self, model: Fit) -> list[Effect]:
+        """Return the effects that a model has and the baseline has not."""
+        known = {effect.name for effect in self.baseline.parameters.effects}
+        return [effect for effect in model.parameters.effects if effect.name not in known]
+
+    def refits(self, model: Fit) -> dict[str, Fit]:
+        """Refit the effects that score best, each from its best shape, together with all that the model has."""
+        if model not in self.tried:
+            scores, chosen = self.screen(model), {}
+            strength = np.abs(scores.z)
+            order = np.argsort(-strength)
+            for k in order:
+                if strength[k] >= max(0.5 * strength[order[0]], 1e-9) and len(chosen) < SHORTLIST:
+                    chosen.setdefault(self.library.chosen[k].name, int(k))
+            self.tried[model] = {
+                name: refit(model, self.library.chosen[k], START_SHARE * scores.amplitude[k])
+                for name, k in chosen.items()
+            }
+            gains = (f"{name} {model.chi2 - found.chi2:.0f}" for name, found in self.tried[model].items())
+            self.tell("refits: " + ", ".join(gains))
+        return self.tried[model]
+
+    def _backward(self, model: Fit) -> Fit:
+        """Drop effects that the later ones have made unnecessary."""
+        for effect in self.added(model):
+            if len(self.added(model)) < 2:
+                break
+            fewer = without(model, effect.name)
+            if fewer.chi2 - model.chi2 < self.screen(fewer).threshold(LEVEL) ** 2:
+                model = _settled(fewer)
+        return model
+
+    def named(self, model: Fit) -> list[Named]:
+        """Return the named effects of a model, strongest first, each with those that could stand in its place."""
+        found = [self._named(model, effect) for effect in self.added(model)]
+        return sorted(found, key=lambda item: -item.gain)
+
+    def _named(self, model: Fit, effect: Effect) -> Named:
+        rest = without(model, effect.name) if len(self.added(model)) > 1 else self.baseline
+        scores = self.screen(rest)
+        own = [k for k, candidate in enumerate(self.library.chosen) if candidate.name == effect.name]
+        gain = rest.chi2 - model.chi2
+        limit = max(INDISTINCT, FORM_ERROR**2 * gain)
+        others = [
+            Alternative(_effect(fitted, name), fitted.chi2 - model.chi2, fitted)
+            for name, fitted in self.refits(rest).items()
+            if name != effect.name
+        ]
+        close = sorted((other for other in others if other.loss < limit), key=lambda other: other.loss)
+        return Named(effect, gain, scores.p_value(np.abs(scores.z[own]).max()), model, rest, tuple(close))
 
 
 def refit(model: Fit, candidate: Candidate, share: float) -> Fit:
@@ -230,38 +275,6 @@ def without(model: Fit, name: str) -> Fit:
     kept = tuple(effect for effect in model.parameters.effects if effect.name != name)
     parameters = replace(model.parameters, effects=kept)
     return fit(model.data, freed(parameters, model.free), known=model, secant=True)
-
-
-def _backward(model: Fit, baseline: Fit, library: Library, null: Null) -> Fit:
-    """Drop effects that the later ones have made unnecessary."""
-    for effect in added(model, baseline):
-        if len(added(model, baseline)) < 2:
-            break
-        fewer = without(model, effect.name)
-        if fewer.chi2 - model.chi2 < library.screen(fewer, null).threshold(LEVEL) ** 2:
-            model = fit(fewer.data, fewer.free, start=fewer.point.vector)
-    return model
-
-
-def named(model: Fit, baseline: Fit, library: Library, null: Null) -> list[Named]:
-    """Return the named effects of a model, strongest first, each with those that could stand in its place."""
-    found = [_named(model, baseline, effect, library, null) for effect in added(model, baseline)]
-    return sorted(found, key=lambda item: -item.gain)
-
-
-def _named(model: Fit, baseline: Fit, effect: Effect, library: Library, null: Null) -> Named:
-    rest = without(model, effect.name) if len(added(model, baseline)) > 1 else baseline
-    scores = library.screen(rest, null)
-    own = [k for k, candidate in enumerate(library.chosen) if candidate.name == effect.name]
-    gain = rest.chi2 - model.chi2
-    limit = max(INDISTINCT, FORM_ERROR**2 * gain)
-    others = [
-        Alternative(_effect(fitted, name), fitted.chi2 - model.chi2, fitted)
-        for name, fitted in refits(rest, library, scores).items()
-        if name != effect.name
-    ]
-    close = sorted((other for other in others if other.loss < limit), key=lambda other: other.loss)
-    return Named(effect, gain, scores.p_value(np.abs(scores.z[own]).max()), model, rest, tuple(close))
 
 
 def _effect(fitted: Fit, name: str) -> Effect:
