@@ -63,3 +63,7 @@ bench-align: $(VENV)/.installed ## Alignment errors over synthetic recordings
 bench-calibration: $(VENV)/.installed ## Coverage of the intervals; fast against simplex (about an hour)
 	$(BIN)/python -m tests.bench.calibration
 
+
+.PHONY: bench-diagnose
+bench-diagnose: $(VENV)/.installed ## Diagnosis against concealed truth (hours; resumes; BENCH_DIAGNOSE="--nulls 60 --singles 2")
+	$(BIN)/python -m tests.bench.diagnosis $(RUNS)/bench-diagnose $(BENCH_DIAGNOSE)

@@ -21,7 +21,7 @@ SURE = 0.95
 """A pixel belongs to a place where the mismatch is at least this sure."""
 
 SIMPLER = 0.8
-"""A simpler family of forms is named where it explains this share of what the best one does."""
+"""Simpler families of forms are named where they explain this share of what better ones do."""
 
 MOST_PLACES = 3
 """Places named per recording."""
@@ -121,9 +121,21 @@ def locate(fitted: Fit, forms: Forms, beside: Beside) -> tuple[list[Place], list
 
 
 def _families(forms: Forms, beside: Beside, k: int) -> list[tuple[str, Energy]]:
-    """Return the families that a recording's mismatch follows, each beside those before it."""
-    left = [family for family in WHERE if family in forms.families[k]]
-    level = 0.05 / (len(left) * len(forms.families))
+    """Return the families that a recording's mismatch follows, each beside those before it.
+
+    Places come first where the wide families together explain much less than places alone do.
+    """
+    families = [family for family in WHERE if family in forms.families[k]]
+    wide = _following(forms, beside, k, [family for family in families if family != "place"])
+    local = beside.energy(forms.places[k, "place"]).excess
+    if sum(gained.excess for _, gained in wide) >= SIMPLER * local:
+        return wide
+    return _following(forms, beside, k, ["place"]) + wide[: MOST_PLACES - 1]
+
+
+def _following(forms: Forms, beside: Beside, k: int, left: list[str]) -> list[tuple[str, Energy]]:
+    """Return families by how much more of the mismatch each explains, as long as that is more than noise."""
+    level = 0.05 / (len(WHERE) * len(forms.families))
     columns, known, before = forms.places, np.zeros(0, dtype=int), 0.0
     found: list[tuple[str, Energy]] = []
     while left and len(found) < MOST_PLACES:
@@ -135,7 +147,7 @@ def _families(forms: Forms, beside: Beside, k: int) -> list[tuple[str, Energy]]:
             break
         found.append((family, gained))
         known, before = np.append(known, columns[k, family]), before + gained.excess
-        left.remove(family)
+        left = [other for other in left if other != family]
     return found
 
 

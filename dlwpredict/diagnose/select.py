@@ -25,6 +25,9 @@ LEVEL = 0.025
 SHORTLIST = 6
 """Effects that are refitted per round."""
 
+RIVALS = 2
+"""Of these the best are brought to rest before one is taken."""
+
 START_SHARE = 0.5
 """Refits start at this share of the linear strength: the full one may overshoot where the law is not linear."""
 
@@ -82,7 +85,8 @@ class Named:
     @property
     def names(self) -> list[str]:
         """The whole class, most likely first."""
-        return [self.effect.name, *(other.effect.name for other in self.alternatives)]
+        losses = {self.effect.name: 0.0} | {other.effect.name: other.loss for other in self.alternatives}
+        return sorted(losses, key=losses.__getitem__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +169,12 @@ class Search:
             tried = self.refits(model)
             order = sorted(tried, key=lambda n: tried[n].chi2 + 2 * len(tried[n].free.names))
             limit = scores.threshold(LEVEL) ** 2
-            grown = next((g for g in (_settled(tried[n]) for n in order) if _convinces(g, model, limit)), None)
-            if grown is None:
+            for name in order[:RIVALS]:
+                tried[name] = _settled(tried[name])
+            convincing = [grown for grown in tried.values() if _convinces(grown, model, limit)]
+            if not convincing:
                 break
-            model = grown
+            model = min(convincing, key=lambda grown: grown.chi2)
         return self._backward(model)
 
     def added(self, model: Fit) -> list[Effect]:

@@ -1,4 +1,4 @@
-"""Cases for the diagnosis: structures printed on the virtual press and recorded, with a truth known to the judge only."""
+"""Cases for the diagnosis: structures printed on the virtual press and recorded; only the judge knows the truth."""
 
 from __future__ import annotations
 

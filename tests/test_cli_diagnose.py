@@ -1,0 +1,165 @@
+"""`dlwpredict diagnose` from files to files: what it finds, what it leaves, and what it refuses."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dlwpredict import designs
+from dlwpredict.cli.app import app
+from dlwpredict.effects import library
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.parameters_yaml import read_parameters
+from dlwpredict.files.yaml_text import read_yaml
+from dlwpredict.noise import Noise
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+
+PROCESS = Paper(exposure_fwhm_z_um=1.7, threshold=0.47, shrinkage_min=0.74, shrinkage_max=0.96)
+NOISE = Noise(0.004, 0.01, 1.0, 0.4, 0.4)
+DRYING = library()["edge-drying"](depth_um=0.15, length_um=3.0)
+PART = {"size_um": 20.0, "pitch_um": 0.4, "margin_um": 4.0}
+
+
+def recorded(target, seed, *effects):
+    surface = predict(target, ParameterSet(paper=PROCESS, effects=effects), as_measured=True)
+    return surface.with_heights(surface.heights_um + NOISE.simulate(target.shape, np.random.default_rng(seed)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("prints")
+    for k, target in enumerate((designs.air(**PART), designs.stairs(feature_um=4.0, **PART))):
+        write_height_map(folder / f"t{k}.tif", target)
+        write_height_map(folder / f"plain{k}.tif", recorded(target, 10 + k))
+        write_height_map(folder / f"dried{k}.tif", recorded(target, 20 + k, DRYING))
+    write_height_map(folder / "dried0_again.tif", recorded(designs.air(**PART), 30, DRYING))
+    return folder
+
+
+def called(folder, *words):
+    return CliRunner().invoke(app, ["diagnose", *(str(folder / w) if w.endswith(".tif") else w for w in words)])
+
+
+def pairs(kind):
+    return [w for k in (0, 1) for w in ("--pair", f"t{k}.tif", f"{kind}{k}.tif")]
+
+
+@pytest.fixture(scope="module")
+def dried(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("diagnosis")
+    files = ["--maps", out / "maps", "--report", out / "report.html", "--params-out", out / "extended.yaml"]
+    found = called(folder, *pairs("dried"), "-o", str(out / "d.yaml"), *map(str, files))
+    assert found.exit_code == 0, found.output
+    return out, found
+
+
+@pytest.mark.slow
+def test_effect_is_named_and_sized(dried):
+    content = read_yaml(dried[0] / "d.yaml")
+    assert content["verdict"] in ("identified", "ambiguous")
+    first = content["findings"][0]
+    assert "edge-drying" in first["effects"]
+    depth = first["parameters"]["edge-drying"]["depth_um"]
+    assert depth["low"] <= DRYING.depth_um <= depth["high"]
+    assert first["p_value"] < 0.01
+    assert content["extended"]["rmse_um"] < content["baseline"]["rmse_um"]
+    assert content["extended"]["holdout_rmse_um"] < content["baseline"]["holdout_rmse_um"]
+    assert content["noise_um"] == pytest.approx(NOISE.sigma_um, rel=0.25)
+    assert "z-amplification" in content["not_testable"]
+    assert set(content["tested"]) | set(content["not_testable"]) == set(library())
+
+
+@pytest.mark.slow
+def test_content_has_the_keys_that_others_rely_on(dried):
+    content = read_yaml(dried[0] / "d.yaml")
+    assert content["format"] == "dlwpredict-diagnosis/1"
+    for model in ("baseline", "extended"):
+        assert {"rmse_um", "holdout_rmse_um", "parameters"} <= set(content[model])
+    for place in content["locations"]:
+        assert {"pair", "where", "share", "x_um", "y_um"} <= set(place)
+    for finding in content["findings"]:
+        assert {"effects", "side", "statement", "parameters", "p_value", "rmse_um", "holdout_rmse_um",
+                "separate_by"} <= set(finding)  # fmt: skip
+    assert {"significant", "rms_um", "p_value", "description"} <= set(content["remainder"])
+
+
+@pytest.mark.slow
+def test_maps_add_up(folder, dried):
+    for k in (0, 1):
+        maps = {n: read_height_map(dried[0] / "maps" / f"{n}_{k}.tif") for n in ("residual", "explained", "remainder")}
+        target = read_height_map(folder / f"t{k}.tif")
+        assert maps["residual"].shape == target.shape
+        assert maps["residual"].dx_um == pytest.approx(target.dx_um)
+        added = maps["explained"].heights_um + maps["remainder"].heights_um
+        np.testing.assert_allclose(maps["residual"].heights_um, added, atol=1e-5)
+        sure = read_height_map(dried[0] / "maps" / f"mismatch_{k}.tif").heights_um
+        assert np.nanmin(sure) >= 0
+        assert np.nanmax(sure) <= 1
+
+
+@pytest.mark.slow
+def test_extended_file_predicts(folder, dried):
+    process = read_parameters(dried[0] / "extended.yaml")
+    assert "edge-drying" in {effect.name for effect in process.effects} | {
+        other.name for place in process.undecided for other in place.instead
+    }
+    assert predict(read_height_map(folder / "t0.tif"), process).heights_um.max() > 1
+
+
+@pytest.mark.slow
+def test_terminal_and_page(dried):
+    out, found = dried
+    lines = found.stdout.splitlines()
+    assert len(lines) <= 25
+    assert "edge-drying" in found.stdout
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "edge-drying" in page
+    assert "dlwpredict diagnose --pair" in page
+
+
+@pytest.mark.slow
+def test_nothing_is_named_where_nothing_is_missing(folder, tmp_path):
+    found = called(folder, *pairs("plain"), "-o", str(tmp_path / "d.yaml"), "--no-advice")
+    assert found.exit_code == 0, found.output
+    content = read_yaml(tmp_path / "d.yaml")
+    assert content["verdict"] == "none"
+    assert content["findings"] == []
+    assert content["extended"] == content["baseline"]
+
+
+@pytest.mark.slow
+def test_held_out_recordings_and_repeats_are_used(folder, tmp_path):
+    found = called(
+        folder, "--pair", "t0.tif", "dried0.tif", "--repeat", "dried0.tif", "dried0_again.tif",
+        "--holdout", "t1.tif", "dried1.tif", "-o", str(tmp_path / "d.yaml"), "--no-advice",
+    )  # fmt: skip
+    assert found.exit_code == 0, found.output
+    content = read_yaml(tmp_path / "d.yaml")
+    assert content["holdout_by"] == "recordings held out"
+    assert content["noise_from"] == "repeats"
+    assert content["noise_um"] == pytest.approx(NOISE.sigma_um, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--pair", "t0.tif", "t0.tif"], "the recording is the target itself"),
+        (["--pair", "t0.tif", "gone.tif"], "gone.tif"),
+        (["--pair", "t0.tif", "dried0.tif", "--repeat", "dried1.tif", "dried0.tif"], "stands in no --pair"),
+        (["--pair", "t0.tif", "dried0.tif", "--holdout", "t1.tif", "t1.tif"], "--holdout"),
+    ],
+)
+def test_bad_input_is_one_line(folder, tmp_path, words, said):
+    found = called(folder, *words, "-o", str(tmp_path / "d.yaml"))
+    assert found.exit_code == 1
+    assert said in found.stderr
+    assert len(found.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "d.yaml").exists()
+
+
+def test_folder_of_maps_is_not_overwritten(folder, tmp_path):
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "mine.txt").write_text("keep")
+    found = called(folder, *pairs("plain"), "-o", str(tmp_path / "d.yaml"), "--maps", str(tmp_path / "maps"))
+    assert found.exit_code == 1
+    assert "exists already" in found.stderr
