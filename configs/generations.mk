@@ -15,7 +15,9 @@ GENERATION_DESIGN_air := --size-um 100 --pitch-um 0.4 --margin-um 10 --seed 1
 GENERATION_FIELD_cin := 80
 GENERATION_FIELD_air := 140
 
-GENERATION := $(RUNS)/generations/$(TARGET)
+# DIAGNOSE=1 lets each generation learn from the diagnosis too: what is missing goes into the parameter file.
+GENERATION := $(RUNS)/generations/$(TARGET)$(if $(DIAGNOSE),-diagnosed)
+GENERATION_PROCESS := $(if $(DIAGNOSE),extended,process)
 GENERATION_NUMBERS := $(shell seq 0 $(GENERATIONS))
 
 .PHONY: generations
@@ -56,9 +58,14 @@ $(GENERATION)/g$(2)/process.yaml: $(START) $(foreach j,$(3),$(GENERATION)/g$(j)/
 	$$(DLW) calibrate $(foreach j,$(3),--pair $(GENERATION)/g$(j)/written.tif $(GENERATION)/g$(j)/aligned.tif) \
 	  -p $$< -o $$@ --report $$(@D)/calibration.yaml --overwrite
 
-$(GENERATION)/g$(1)/written.tif: $(GENERATION)/target.tif $(GENERATION)/g$(2)/process.yaml
+$(GENERATION)/g$(2)/extended.yaml: $(GENERATION)/g$(2)/process.yaml
+	$$(DLW) diagnose $(foreach j,$(3),--pair $(GENERATION)/g$(j)/written.tif $(GENERATION)/g$(j)/aligned.tif) -p $$< \
+	  -o $$(@D)/diagnosis.yaml --params-out $$@ --report $$(@D)/diagnosis.html --no-advice --overwrite
+
+$(GENERATION)/g$(1)/written.tif: $(GENERATION)/target.tif $(GENERATION)/g$(2)/$(GENERATION_PROCESS).yaml
 	@mkdir -p $$(@D)
-	$$(DLW) precompensate $$< -p $(GENERATION)/g$(2)/process.yaml -o $$@ --report $$(@D)/precompensation.yaml --overwrite
+	$$(DLW) precompensate $$< -p $(GENERATION)/g$(2)/$(GENERATION_PROCESS).yaml --undecided print -o $$@ \
+	  --report $$(@D)/precompensation.yaml --overwrite
 endef
 $(foreach k,$(filter-out 0,$(GENERATION_NUMBERS)),$(eval \
   $(call generation,$(k),$(shell expr $(k) - 1),$(shell seq 0 $$(expr $(k) - 1)))))

@@ -47,4 +47,17 @@ $(REAL)/%/score.json: $(REAL)/%/predicted.tif $(REAL)/%/aligned.tif
 $(REAL)/%/target.stl: $(REAL)/%/target.tif
 	$(DLW) export-stl $< -o $@ --overwrite
 
+# What is missing in the model of these prints: every other field of the list, the rest held out.
+REAL_PAIR = $(REAL)/$(1)/target.tif $(REAL)/$(1)/aligned.tif
+REAL_EIGHT := $(foreach place,1 3 5 7 9 11 13 15,$(word $(place),$(REAL_FIELDS)))
+REAL_HELD_OUT := $(filter-out $(REAL_EIGHT),$(REAL_FIELDS))
+
+.PHONY: real-diagnosis
+real-diagnosis: $(REAL)/diagnosis.yaml ## Diagnose eight real prints, the other eight held out (RECORDINGS=...)
+
+$(REAL)/diagnosis.yaml: $(REAL_START) $(foreach field,$(REAL_FIELDS),$(call REAL_PAIR,$(field)))
+	$(DLW) diagnose $(foreach field,$(REAL_EIGHT),--pair $(call REAL_PAIR,$(field))) \
+	  $(foreach field,$(REAL_HELD_OUT),--holdout $(call REAL_PAIR,$(field))) -p $< -o $@ --params-out $(REAL)/extended.yaml \
+	  --maps $(REAL)/maps --report $(REAL)/diagnosis.html --overwrite --verbose
+
 .PRECIOUS: $(REAL)/%/target.tif $(REAL)/%/recording.tif $(REAL)/%/aligned.tif $(REAL)/%/default.tif $(REAL)/%/predicted.tif
