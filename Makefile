@@ -53,7 +53,7 @@ clean: ## Remove the environment and all runs
 	rm -rf $(VENV) $(RUNS) *.egg-info .pytest_cache .ruff_cache .hypothesis
 
 # -- benchmarks -------------------------------------------------------------------------------
-.PHONY: bench-model bench-align bench-calibration
+.PHONY: bench-model bench-align bench-calibration bench-diagnose
 bench-model: $(VENV)/.installed ## Fast against voxel: agreement, time, memory
 	$(BIN)/python -m tests.bench.model
 
@@ -63,7 +63,5 @@ bench-align: $(VENV)/.installed ## Alignment errors over synthetic recordings
 bench-calibration: $(VENV)/.installed ## Coverage of the intervals; fast against simplex (about an hour)
 	$(BIN)/python -m tests.bench.calibration
 
-
-.PHONY: bench-diagnose
 bench-diagnose: $(VENV)/.installed ## Diagnosis against concealed truth (hours; resumes; BENCH_DIAGNOSE="--nulls 60 --singles 2")
 	$(BIN)/python -m tests.bench.diagnosis $(RUNS)/bench-diagnose $(BENCH_DIAGNOSE)

@@ -214,6 +214,7 @@ def main() -> None:
     if not kept.exists():
         kept.write_text(json.dumps(limits(chosen.seed), indent=1))
     jobs = [(name, case, chosen.folder / f"{name}.json") for name, case in cases(chosen, json.loads(kept.read_text()))]
+    np.random.default_rng(0).shuffle(jobs)  # an interrupted run has some of each kind
     with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
         list(pool.map(run, [job for job in jobs if not job[2].exists()]))
     table(chosen.folder)
