@@ -53,9 +53,9 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
         ],
         "findings": findings,
         "remainder": {
-            "significant": bool(found.extended.rest.p_value < LEVEL),
+            "significant": found.extended.unexplained,
             "rms_um": _short(found.extended.structure_um),
-            "p_value": _short(found.extended.rest.p_value),
+            "p_value": _short(found.extended.p_value),
             "explained_share": round(found.explained, 3),
             "description": words.remainder(found),
         },

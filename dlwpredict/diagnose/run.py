@@ -18,6 +18,7 @@ from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.locate import Place, locate
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
+from dlwpredict.diagnose.ripple import Ripple, ripple
 from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.diagnose.select import Library, Named, Search, freed
 from dlwpredict.flat import choose
@@ -50,6 +51,8 @@ class Model:
         What free forms explain of the residual.
     structure_um : float
         Root mean square of that, µm.
+    ripple : Ripple
+        The strongest wave in the residual.
     blocks, recordings : LeftOut or None
         Errors on blocks and on whole recordings that the fit had not seen.
     """
@@ -57,8 +60,19 @@ class Model:
     fit: Fit
     rest: Energy
     structure_um: float
+    ripple: Ripple
     blocks: LeftOut | None
     recordings: LeftOut | None
+
+    @property
+    def p_value(self) -> float:
+        """Probability that noise alone leaves a remainder as strange as this, by free forms or as a ripple."""
+        return min(2 * min(self.rest.p_value, self.ripple.p_value), 1.0)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether there is more than noise in the residual."""
+        return self.p_value < LEVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +133,14 @@ class Diagnosis:
 
     @property
     def explained(self) -> float:
-        """Share of what free forms explain that the named effects explain, 0 to 1."""
-        whole = self.baseline.rest.excess
-        return float(np.clip(1 - max(self.extended.rest.excess, 0) / whole, 0, 1)) if whole > 0 else 1.0
+        """Share of what free forms and a ripple explain that the named effects explain, 0 to 1."""
+        whole, left = (max(m.rest.excess, 0) + _wave(m.ripple) for m in (self.baseline, self.extended))
+        return float(np.clip(1 - left / whole, 0, 1)) if whole > 0 else 1.0
 
     @property
     def verdict(self) -> str:
         """The strongest statement that the data allow: identified, ambiguous, unexplained or none."""
-        if self.extended.rest.p_value < LEVEL and self.explained < EXPLAINED:
+        if self.extended.unexplained and self.explained < EXPLAINED:
             return "unexplained"
         if not self.named:
             return "none"
@@ -198,8 +212,8 @@ def diagnose(
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)
     places, mismatch = locate(baseline, forms, beside)
-    judged = _judged(baseline, beside)
-    extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null))
+    judged = _judged(baseline, beside, null)
+    extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null), null)
     return Diagnosis(
         recordings,
         tuple(noise),
@@ -226,10 +240,20 @@ def _held_out(recording: Recording, baseline: Fit) -> Whitened:
     return Whitened.of(recording, noise.model, discretisation_um(recording, parameters))
 
 
-def _judged(fitted: Fit, beside: Beside) -> Model:
+def _judged(fitted: Fit, beside: Beside, null: Null) -> Model:
     return Model(
-        fitted, beside.energy(), beside.structure_um(fitted), left_out.blocks(fitted), left_out.recordings(fitted)
+        fitted,
+        beside.energy(),
+        beside.structure_um(fitted),
+        ripple(fitted, null),
+        left_out.blocks(fitted),
+        left_out.recordings(fitted),
     )
+
+
+def _wave(found: Ripple) -> float:
+    """Return the energy of a ripple that is more than noise."""
+    return found.excess if found.p_value < LEVEL / 2 else 0.0
 
 
 def _alike(one: Noise, other: Noise) -> bool:

@@ -52,9 +52,14 @@ def statement(item: Named) -> str:
 
 def remainder(found: Diagnosis) -> str:
     """Return what is left, in words."""
-    rest = found.extended.rest
-    if rest.p_value >= LEVEL:
+    if not found.extended.unexplained:
         return "What is left looks like noise."
+    wave = found.extended.ripple
+    if wave.p_value < LEVEL / 2:
+        return (
+            f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in recording {wave.pair}; "
+            "no named effect makes one."
+        )
     share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
     return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."
 
@@ -70,6 +75,10 @@ def tests(found: Diagnosis) -> list[dict[str, Any]]:
             "statement": f"free forms (height, radius, edges, slope, place) explain {more}",
         }
     ]
+    wave = found.baseline.ripple
+    strongest = f"the strongest wave, period {wave.period_um:.1f} µm at {wave.angle_deg:.0f}° to x, is"
+    kind = "more than noise" if wave.p_value < LEVEL else "no more than noise"
+    said.append({"name": "ripple", "p_value": wave.p_value, "statement": f"{strongest} {kind}"})
     if found.agreement:
         p_value = found.agreement.p_value
         other = "other parameters: the model does not transfer" if p_value < LEVEL else "the same parameters"

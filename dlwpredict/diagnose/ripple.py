@@ -1,0 +1,69 @@
+"""Ripples: waves of one period and direction, which no form of place or height follows and noise models absorb."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, stats
+
+from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.screen import Null
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """The strongest wave in the whitened residuals.
+
+    Parameters
+    ----------
+    pair : int
+    period_um : float
+    angle_deg : float
+        Direction in which the waves follow each other, counter-clockwise from x, −90 to 90.
+    excess : float
+        Energy in units of the noise, above its average.
+    p_value : float
+        Probability that noise alone has as strong a wave anywhere.
+    """
+
+    pair: int
+    period_um: float
+    angle_deg: float
+    excess: float
+    p_value: float
+
+
+def ripple(fitted: Fit, null: Null) -> Ripple:
+    """Test the largest ordinate of the periodogram (Fisher 1929) of every whitened residual.
+
+    Ordinates are divided by what the null's draws have there on average; the largest one of a draw follows Gumbel's
+    law, whose two parameters are those of the draws.
+    """
+    draws = null.draws - fitted.basis.astype(np.float32) @ null.along(fitted.basis)
+    found, first = [], 0
+    for k, item in enumerate(fitted.data):
+        used, grid = item.recording.used, item.recording.target
+        rows = slice(first, first + item.recording.points)
+        first = rows.stop
+        powers = np.stack([_periodogram(draw, used) for draw in draws[rows].T])
+        usual = powers.mean(axis=0)
+        largest = (powers / usual).max(axis=(1, 2))
+        power = _periodogram(fitted.residual[rows], used) / usual
+        row, col = np.unravel_index(np.argmax(power), power.shape)
+        fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um)[row], fft.rfftfreq(used.shape[1], grid.dx_um)[col]
+        scale = np.sqrt(6) / np.pi * largest.std(ddof=1)
+        p_value = float(stats.gumbel_r.sf(power[row, col], largest.mean() - np.euler_gamma * scale, scale))
+        angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
+        found.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
+    best = min(found, key=lambda one: one.p_value)
+    return Ripple(**{**vars(best), "p_value": float(-np.expm1(len(found) * np.log1p(-min(best.p_value, 1 - 1e-12))))})
+
+
+def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return the periodogram of whitened values on a map, zeros where nothing counts; the mean is left out."""
+    plane = np.zeros(used.shape)
+    plane[used] = white
+    power = np.abs(fft.rfft2(plane)) ** 2 / used.sum()
+    power[0, 0] = 0.0
+    return np.maximum(power, 1e-12)
