@@ -28,7 +28,7 @@ def recorded(target, seed, *effects):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("prints")
-    for k, target in enumerate((designs.air(**PART), designs.stairs(feature_um=4.0, **PART))):
+    for k, target in enumerate((designs.air(**PART), designs.stairs(feature_um=2.5, **PART))):
         write_height_map(folder / f"t{k}.tif", target)
         write_height_map(folder / f"plain{k}.tif", recorded(target, 10 + k))
         write_height_map(folder / f"dried{k}.tif", recorded(target, 20 + k, DRYING))
