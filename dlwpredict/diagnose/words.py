@@ -25,9 +25,13 @@ def sentence(found: Diagnosis) -> str:
             f"Nothing beyond noise: the model predicts these recordings to {before:.1f} nm, the rest looks like noise."
         )
     if found.verdict == "unexplained":
-        named = " and ".join(item.effect.name for item in found.named)
-        partly = f" {named} explains {found.explained:.0%} of it." if named else ""
-        return f"Recording and prediction differ beyond noise in a way that no named effect explains.{partly}"
+        named = ", ".join(" or ".join(item.names) for item in found.named)
+        if not named:
+            return "Recording and prediction differ beyond noise in a way that no named effect explains."
+        return (
+            f"Part of the mismatch has no name: {named} explain {found.explained:.0%} of it "
+            f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."
+        )
     first = found.named[0]
     gain = f"the error falls from {before:.1f} to {after:.1f} nm"
     others = [item.effect.name for item in found.named[1:]]
