@@ -1,15 +1,21 @@
 """Whitening, noise and fit of the diagnosis against what is known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from dlwpredict import designs
 from dlwpredict.calibrate.recordings import prepare
 from dlwpredict.diagnose.candidates import candidates
+from dlwpredict.diagnose.competitor import Beside
 from dlwpredict.diagnose.evidence import Whitened, gradient, shifted
 from dlwpredict.diagnose.fit import bare, fit
 from dlwpredict.diagnose.freeform import edge_distances
+from dlwpredict.diagnose.locate import mismatch, scores
 from dlwpredict.diagnose.noise_fit import estimate
+from dlwpredict.diagnose.ripple import ripple
+from dlwpredict.diagnose.screen import Null
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
@@ -95,3 +101,75 @@ def test_fit_in_whitened_space_recovers_parameters_and_shift():
     error = (found.point.vector - np.array(list(vars(truth).values()))) / np.sqrt(np.diag(found.covariance()))
     assert np.abs(error).max() < 4
     assert found.chi2 / len(found.residual) == pytest.approx(1, abs=0.1)
+
+
+def test_spikes_have_no_say_in_the_noise(holes):
+    rng = np.random.default_rng(3)
+    values, level = NOISE.simulate(holes.shape, rng), np.ones((1, *holes.shape))
+    clean = estimate(values, holes, (0.4, 0.4), level).model
+    values[40:44, 50:54] += 1.0
+    dirty = estimate(values, holes, (0.4, 0.4), level).model
+    assert dirty.sigma_um == pytest.approx(clean.sigma_um, rel=0.1)
+    assert dirty.length_um == pytest.approx(clean.length_um, rel=0.15)
+
+
+def test_kind_of_correlation_is_recognised():
+    rng, used, level = np.random.default_rng(4), np.ones((90, 90), dtype=bool), np.ones((1, 90, 90))
+    for kind in (1.5, np.inf):
+        noise = Noise(0.004, 0.015, 1.2, 0.4, 0.4, kind)
+        found = estimate(noise.simulate(used.shape, rng), used, (0.4, 0.4), level).model
+        assert found.smoothness == kind
+        assert found.length_um == pytest.approx(1.2, rel=0.25)
+
+
+@pytest.fixture
+def white():
+    """One recording in which noise is white already, and 100 draws of it."""
+    grid = HeightMap(np.ones((60, 70)), 0.4, 0.3)
+    item = SimpleNamespace(recording=SimpleNamespace(used=np.ones(grid.shape, bool), target=grid, points=4200))
+    draws = np.random.default_rng(5).standard_normal((4200, 100)).astype(np.float32)
+    return item, Null(draws)
+
+
+def fitted(item, residual):
+    return SimpleNamespace(data=(item,), residual=residual, basis=np.full((len(residual), 1), len(residual) ** -0.5))
+
+
+def test_ripple_is_found_with_period_and_direction(white):
+    item, null = white
+    grid, noise = item.recording.target, np.random.default_rng(6).standard_normal(4200)
+    assert ripple(fitted(item, noise), null).p_value > 0.01
+    along = np.deg2rad(30)
+    phase = 2 * np.pi / 4 * (grid.x_um * np.cos(along) + grid.y_um[:, None] * np.sin(along))
+    found = ripple(fitted(item, noise + 0.3 * np.cos(phase).ravel()), null)
+    assert found.p_value < 1e-6
+    assert found.period_um == pytest.approx(4.0, abs=0.4)
+    assert found.angle_deg == pytest.approx(30, abs=6)
+
+
+def test_energy_of_free_forms_has_the_level_it_claims(white):
+    item, null = white
+    rng = np.random.default_rng(7)
+    columns = rng.standard_normal((4200, 12))
+    p_values = [
+        Beside.of(fitted(item, noise), columns, null).energy().p_value for noise in rng.standard_normal((200, 4200))
+    ]
+    assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.07)
+    strong = Beside.of(fitted(item, 0.1 * columns[:, 0] * 2), columns, null).energy()
+    assert strong.excess == pytest.approx(0.04 * np.sum(columns[:, 0] ** 2), rel=0.15)
+
+
+def test_bump_is_located(holes):
+    noise = NOISE
+    grid = HeightMap(np.ones(holes.shape), 0.4, 0.4)
+    recording = prepare(grid, grid.with_heights(np.where(holes, 1.0, np.nan)), wall_px=0)
+    item = Whitened.of(bare(recording), noise, np.zeros(grid.shape))
+    used = recording.used
+    rows, cols = np.mgrid[: used.shape[0], : used.shape[1]]
+    bump = 0.12 * np.exp(-((rows - 45) ** 2 + (cols - 50) ** 2) / (2 * 2.5**2))
+    values = noise.simulate(used.shape, np.random.default_rng(8))
+    quiet, loud = (mismatch(scores(item, item.white(v)), used) for v in (values, values + bump))
+    assert (quiet > 0.95).mean() < 0.01
+    row, col = np.unravel_index(np.argmax(np.abs(scores(item, item.white(values + bump))).max(axis=0)), used.shape)
+    assert np.hypot(row - 45, col - 50) < 3
+    assert loud[row, col] > 0.99

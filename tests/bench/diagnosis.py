@@ -59,8 +59,8 @@ OUTSIDE = {
 """Physics that the library does not have; the last two resemble members of it."""
 
 
-IN_MICROSCOPE = ("scan-wobble", "droplet-residue")
-"""Those of them that the microscope, or what lies under it, does."""
+IN_MICROSCOPE = ("scan-wobble",)
+"""Those of them that the microscope does."""
 
 
 def limits(seed: int) -> dict[str, dict[str, float | str]]:
@@ -88,7 +88,9 @@ def strong(name: str, limit: Mapping, times: float, sign: int = 1) -> dict:
 
 def case_of(*effects: Mapping, **settings) -> Case:
     """Sort effects to the press and to the microscope."""
-    print_side = tuple(e for e in effects if SIDES.get(e["name"], "print") == "print" and e["name"] not in IN_MICROSCOPE)
+    print_side = tuple(
+        e for e in effects if SIDES.get(e["name"], "print") == "print" and e["name"] not in IN_MICROSCOPE
+    )
     return Case(print_side, tuple(e for e in effects if e not in print_side), **settings)
 
 
