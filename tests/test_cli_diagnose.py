@@ -10,6 +10,7 @@ from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.yaml_text import read_yaml
+from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
@@ -125,6 +126,20 @@ def test_nothing_is_named_where_nothing_is_missing(folder, tmp_path):
     assert content["verdict"] == "none"
     assert content["findings"] == []
     assert content["extended"] == content["baseline"]
+
+
+@pytest.mark.slow
+def test_spikes_holes_and_relative_heights_are_no_physics(folder, tmp_path):
+    """A print cropped without substrate, lifted and tilted, a tenth of it missing, with lone spikes."""
+    rng, target = np.random.default_rng(40), designs.air(**PART | {"margin_um": 0.0})
+    heights = recorded(target, 41).heights_um - 3 + 0.002 * target.x_um[None, :]
+    heights[rng.random(target.shape) < 0.1] = np.nan
+    heights[rng.random(target.shape) < 0.002] += 1.0
+    write_height_map(folder / "cropped.tif", target)
+    write_height_map(folder / "lifted.tif", HeightMap(heights, target.dx_um, target.dy_um, "relative"))
+    found = called(folder, "--pair", "cropped.tif", "lifted.tif", "-o", str(tmp_path / "d.yaml"), "--no-advice")
+    assert found.exit_code == 0, found.output
+    assert read_yaml(tmp_path / "d.yaml")["verdict"] == "none"
 
 
 @pytest.mark.slow

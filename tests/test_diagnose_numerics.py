@@ -83,9 +83,9 @@ def test_edge_distances_know_their_sides():
     assert np.isinf(sides["left"][0, 0])
 
 
-def test_every_library_effect_but_the_nuisance_is_a_candidate():
+def test_every_effect_is_a_candidate_but_a_nuisance_and_an_exact_alias():
     names = {candidate.name for candidate in candidates(ParameterSet())}
-    assert names == set(library()) - {"misregistration"}
+    assert names == set(library()) - {"misregistration", "z-amplification"}
 
 
 def test_fit_in_whitened_space_recovers_parameters_and_shift():

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from dlwpredict.align.spikes import suspected_spikes
 from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.fast import fast
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
+from dlwpredict.diagnose.fit import bare
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
@@ -32,6 +35,16 @@ def calibrated(recordings: Sequence[Recording], free: Free, seed: int) -> Point:
     point = fast(problem, problem.compared(start.vector, start.traces), seed=seed)
     problem = problem.with_loss_scaled(point, robust=True).with_free_shift(point)
     return descend(problem, problem.compared(point.vector, point.traces), gain=GAIN, iterations=10)
+
+
+def without_spikes(recordings: Sequence[Recording], free: Free, point: Point) -> tuple[tuple[Recording, ...], Point]:
+    """Leave out lone points that stand out of the residual; return the recordings and the point compared with them."""
+    kept = []
+    for recording, trace in zip(recordings, point.traces, strict=True):
+        residual = np.where(recording.used, recording.measured.heights_um - trace.heights_um, 0.0)
+        used = recording.used & ~suspected_spikes(residual, recording.used)
+        kept.append(bare(replace(recording, used=used)))
+    return tuple(kept), Problem(tuple(kept), free).compared(point.vector, point.traces)
 
 
 def noises(

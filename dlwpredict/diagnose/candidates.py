@@ -18,8 +18,9 @@ from dlwpredict.parallel import each
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 from dlwpredict.process import predict
 
-NUISANCE_EFFECTS = ("misregistration",)
-"""Effects that stand among the nuisances of every recording and are no candidates."""
+NO_CANDIDATES = ("misregistration", "z-amplification")
+"""One stands among the nuisances of every recording; the other is exactly what κ can do, and only a certified step
+height tells them apart."""
 
 SHAPES = (0.5, 1.0, 2.0)
 """Lengths are tried at these multiples of their default, inside the declared range."""
@@ -79,7 +80,7 @@ def candidates(parameters: ParameterSet) -> list[Candidate]:
     present = {effect.name for effect in parameters.effects}
     found = []
     for name, kind in library().items():
-        if name not in present and name not in NUISANCE_EFFECTS:
+        if name not in present and name not in NO_CANDIDATES:
             found += [Candidate(kind(**shape), switch) for switch in kind.switches() for shape in _shapes(kind, switch)]
     return found
 

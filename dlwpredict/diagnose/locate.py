@@ -141,6 +141,8 @@ def _following(forms: Forms, beside: Beside, k: int, left: list[str]) -> list[tu
     while left and len(found) < MOST_PLACES:
         joint = {family: beside.energy(np.append(known, columns[k, family])).excess - before for family in left}
         best = max(joint.values())
+        if best <= 0:
+            break
         family = next(f for f in left if joint[f] >= SIMPLER * best)
         gained = Energy(joint[family], beside.energy(columns[k, family]).p_value)
         if gained.p_value > level or gained.excess < max(0.1 * before, 6.0):

@@ -10,7 +10,7 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises
+from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, without_spikes
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
@@ -187,6 +187,7 @@ def diagnose(
     free = freed(start, choose(start))
     tell("calibrating")
     point = calibrated(recordings, free, seed)
+    recordings, point = without_spikes(recordings, free, point)
     tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
     around = Around.of(recordings, free, point)
     noise, model, vector = noises(recordings, around.residuals_um(), around.designs, repeats), None, point.vector
