@@ -189,7 +189,7 @@ def _write_report(path: Path, found: Diagnosis, content: dict[str, Any], pairs: 
         measured = item.measured.with_heights(np.where(item.used, item.measured.heights_um, np.nan))
         pictures.append(
             PairMaps(
-                recording.name,
+                str(recording),
                 item.target,
                 measured,
                 found.baseline.fit.predicted_um(k),
