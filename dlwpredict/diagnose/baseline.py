@@ -53,8 +53,12 @@ def noises(
     designs: Sequence[np.ndarray],
     repeats: Sequence[Sequence[HeightMap]],
     like: Sequence[NoiseEstimate] | None = None,
+    seed: int = 0,
 ) -> list[NoiseEstimate]:
     """Estimate every recording's noise: from its repeats where there are any, else from the residual.
+
+    What may be in the residual takes some of the noise with it, most where the noise is correlated widely. So noise is
+    drawn from every estimate, estimated again in the same way, and the mean error of all recordings is taken back.
 
     Parameters
     ----------
@@ -67,23 +71,25 @@ def noises(
         Further recordings of the same print, on the same grid, for each recording; may be empty.
     like : sequence of NoiseEstimate, optional
         Earlier estimates, whose kind of correlation is kept.
+    seed : int
+        Of the drawn noise.
     """
-    found = []
     kinds = [(known.model.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
+    found, errors, rng = [], [], np.random.default_rng(seed)
     for recording, residual, design, others, kind in zip(
         recordings, residuals_um, designs, repeats, kinds, strict=True
     ):
-        used, pitch = recording.used, (recording.target.dx_um, recording.target.dy_um)
+        used, pitch, source = recording.used, (recording.target.dx_um, recording.target.dy_um), "residual"
         if others:
             difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
-            both = used & np.isfinite(difference)
-            level = smooth_forms(recording.target)
-            found.append(
-                estimate(np.where(both, difference, 0.0), both, pitch, compressed(level, both), kind, source="repeats")
-            )
-        else:
-            found.append(estimate(residual, used, pitch, compressed(design, used), kind))
-    return found
+            used, source = used & np.isfinite(difference), "repeats"
+            residual, design = np.where(used, difference, 0.0), smooth_forms(recording.target)
+        forms = compressed(design, used)
+        found.append(estimate(residual, used, pitch, forms, kind, source=source))
+        drawn = np.where(used, found[-1].model.simulate(used.shape, rng), 0.0)
+        again = estimate(drawn, used, pitch, forms, (found[-1].model.smoothness,), source=source)
+        errors.append(again.place - found[-1].place)
+    return [noise.moved(-np.mean(errors, axis=0)) for noise in found]
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

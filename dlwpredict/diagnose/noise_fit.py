@@ -51,6 +51,11 @@ class NoiseEstimate:
     covariance: np.ndarray
     source: str
 
+    def moved(self, step: np.ndarray) -> NoiseEstimate:
+        """Return the estimate at another place, at most an e-fold away, shape of the step (3,)."""
+        place = self.place + np.clip(step, -1, 1)
+        return replace(self, model=_floored(_at(self.model, place)), place=place)
+
     def draw(self, rng: np.random.Generator) -> Noise:
         """Return a noise model that the data would allow as well."""
         step = np.clip(rng.multivariate_normal(np.zeros(3), self.covariance), -1, 1)
