@@ -14,9 +14,7 @@ from dlwpredict.diagnose.advise import (
     LEAST,
     MORE,
     SURE,
-    Setup,
     advise,
-    new_designs,
     present_columns,
     separation,
     simulated,
@@ -27,6 +25,7 @@ from dlwpredict.diagnose.advise import (
 )
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import bare, fit
+from dlwpredict.diagnose.setups import Setup, new_designs
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map
 from dlwpredict.flat import choose
