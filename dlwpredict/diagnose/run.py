@@ -190,8 +190,10 @@ def diagnose(
     recordings, point = without_spikes(recordings, free, point)
     tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
     around = Around.of(recordings, free, point)
-    noise, model, vector = noises(recordings, around.residuals_um(), around.designs, repeats), None, point.vector
+    model, vector = None, point.vector
+    better = noises(recordings, around.residuals_um(), around.designs, repeats, seed=seed)
     for _ in range(PASSES):
+        noise = better
         tell("noise " + ", ".join(f"{1e3 * n.model.sigma_um:.1f} nm over {n.model.length_um:.1f} µm" for n in noise))
         data = [
             Whitened.of(r, n.model, fine)
@@ -205,8 +207,8 @@ def diagnose(
         if model is baseline:
             break
         vector, residuals = baseline.point.vector, [np.nan_to_num(model.residual_um(k)) for k in range(len(data))]
-        before, noise = noise, noises(recordings, residuals, around.designs, repeats, like=noise)
-        if all(_alike(a.model, b.model) for a, b in zip(noise, before, strict=True)):
+        better = noises(recordings, residuals, around.designs, repeats, like=noise, seed=seed)
+        if all(_alike(a.model, b.model) for a, b in zip(noise, better, strict=True)):
             break
     tell("judging")
     forms = Forms.of(baseline)
@@ -228,16 +230,16 @@ def diagnose(
         agreement(baseline, null),
         tuple(places),
         tuple(mismatch),
-        tuple(_held_out(bare(recording), baseline) for recording in holdout),
+        tuple(_held_out(bare(recording), baseline, seed) for recording in holdout),
     )
 
 
-def _held_out(recording: Recording, baseline: Fit) -> Whitened:
+def _held_out(recording: Recording, baseline: Fit, seed: int) -> Whitened:
     """Whiten a recording by the noise of its own."""
     parameters = baseline.parameters
     predicted = predict(recording.target, parameters, as_measured=True).heights_um
     residual = np.where(recording.used, recording.measured.heights_um - predicted, 0.0)
-    noise = noises([recording], [residual], [smooth_forms(recording.target)], [()])[0]
+    noise = noises([recording], [residual], [smooth_forms(recording.target)], [()], seed=seed)[0]
     return Whitened.of(recording, noise.model, discretisation_um(recording, parameters))
 
 
