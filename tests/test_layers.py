@@ -16,7 +16,7 @@ LAYERS = [
     {"errors"},
     {"heightmap"},
     {"parameters"},
-    {"smoothing", "missing", "rasterise", "mesh", "noise", "score", "parallel"},
+    {"smoothing", "missing", "rasterise", "mesh", "noise", "score", "transfer", "parallel"},
     {"model", "designs", "whitening"},
     {"effects"},
     {"process", "flat"},
@@ -24,6 +24,7 @@ LAYERS = [
     {"diagnose"},
     {"files"},
     {"plots"},
+    {"transfer_plot"},
     {"pages"},
     {"cli"},
 ]

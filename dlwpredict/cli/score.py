@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,6 +16,7 @@ from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import require_same_grid
 from dlwpredict.score import MATERIAL_RATIO_RANGE, Score, score
+from dlwpredict.transfer import HALF, Transfer, transfer
 
 COMMAND = "score"
 
@@ -39,6 +40,12 @@ def run(
     include_filled: Annotated[
         bool, typer.Option("--include-filled", help="Let filled (interpolated) points enter as well.")
     ] = False,
+    transfer_function: Annotated[
+        bool, typer.Option("--transfer", help="Amplitude transfer against period; the reference is a cin target.")
+    ] = False,
+    transfer_plot: Annotated[
+        Path | None, typer.Option(help="Draw the transfer (.png, .pdf, .svg).", show_default=False)
+    ] = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Compare a height map with its reference: deviations, correlation, roughness, height response.
@@ -47,23 +54,37 @@ def run(
 
     $ dlwpredict score target.tif aligned.tif --part-only --json score.json --plot score.png
     """
-    options.check_outputs(json_file, plot, overwrite=overwrite)
-    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(
-            f"ends in {plot.suffix or 'nothing'}", where=plot, key="--plot", allowed="allowed .png .pdf .svg"
-        )
+    options.check_outputs(json_file, plot, transfer_plot, overwrite=overwrite)
+    for option, picture in (("--plot", plot), ("--transfer-plot", transfer_plot)):
+        if picture is not None and picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+            raise InputError(
+                f"ends in {picture.suffix or 'nothing'}", where=picture, key=option, allowed="allowed .png .pdf .svg"
+            )
     maps = read_height_map(reference), read_height_map(test)
     require_same_grid(*maps, names=(str(reference), str(test)))
     with blaming(test):
         result = score(*maps, material_ratio_range=material_ratio, part_only=part_only, include_filled=include_filled)
+    figures: dict[str, Any] = asdict(result)
+    found: dict[str, Transfer] = {}
+    if transfer_function or transfer_plot:
+        with blaming(reference):
+            found = transfer(*maps, include_filled=include_filled)
+        figures["transfer"] = {axis: asdict(one) for axis, one in found.items()}
+    if transfer_plot is not None:
+        from dlwpredict.plots import save
+        from dlwpredict.transfer_plot import transfer_curves
+
+        save(transfer_plot, transfer_curves(found, title=f"{test.stem} against {reference.stem}"))
     if plot is not None:
         from dlwpredict import plots
 
         figure = plots.comparison(*maps, names=(reference.stem, test.stem), caption=caption(result))
         plots.save(plot, figure)
     if json_file is not None:
-        write_text(json_file, json.dumps(asdict(result), indent=2, allow_nan=False) + "\n")
+        write_text(json_file, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     say(table(result))
+    if found:
+        say("\n" + transfer_table(found))
     if result.height_reference == "relative":
         warn(f"{test}: heights are relative (no substrate in view); mean_difference_um and rmse_um hold a free offset")
 
@@ -82,6 +103,24 @@ def table(result: Score) -> str:
     ]
     first, second = (max(len(row[i]) for row in rows) for i in (0, 1))
     return "\n".join(f"{name:<{first}}  {value:<{second}}  {note}".rstrip() for name, value, note in rows)
+
+
+def transfer_table(found: dict[str, Transfer]) -> str:
+    """Return transfer against period along both axes, and the period at 50 %, as aligned lines."""
+    lines = ["transfer  period/µm      T  ± (half the difference of opposite sides)"]
+    for axis, one in found.items():
+        rows = zip(one.period_um, one.transfer, one.half_difference, strict=True)
+        lines += [f"  along {axis}  {period:8.3f}  {value:.3f}  {spread:.3f}" for period, value, spread in rows]
+    return "\n".join([*lines, *(f"50 % along {axis}: {half_note(one)}" for axis, one in found.items())])
+
+
+def half_note(found: Transfer) -> str:
+    """Say the period at which half of the amplitude is left, or on which side of the periods it lies."""
+    if found.half_period_um is not None:
+        return f"{found.half_period_um:.3f} µm"
+    if found.transfer[-1] < HALF:
+        return f"above {found.period_um[-1]:.3f} µm, the longest period"
+    return f"below {found.period_um[0]:.3f} µm, the shortest period"
 
 
 def points_note(result: Score) -> str:
