@@ -19,7 +19,7 @@ def transfer_curves(found: dict[str, Transfer], *, title: str = "") -> Figure:
         line = {**styles[axis], "ms": 4, "capsize": 2}
         axes.errorbar(one.period_um, one.transfer, one.half_difference, label=f"along {axis}{half}", **line)
     axes.set(xlabel="spatial period / µm", ylabel="amplitude transfer / 1", title=title)
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, max(1.05, *(1.05 * value for one in found.values() for value in one.transfer)))
     axes.grid(color="0.9", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="lower right")
