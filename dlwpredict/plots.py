@@ -1,43 +1,75 @@
 """Pictures of height maps for papers and reports: row 0 on top, true proportions, µm, safe for the colour-blind.
 
-`show_map`, `show_difference` and `show_profile` draw into given axes; `comparison` puts them together. Only the object
-interface of matplotlib is used: no global state, no display.
+`show_map`, `show_difference` and `show_profiles` draw into given axes; `overview`, `comparison`, `correction` and
+`calibration` put them together. Maps that are compared share one colour range; every map has a scale bar. Only the
+object interface of matplotlib is used: no global state, no display.
 """
 
 from __future__ import annotations
 
 import io
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.image import AxesImage
+from scipy import ndimage
 
 from dlwpredict.files.atomic import replacing
 from dlwpredict.heightmap import HeightMap, require_same_grid
 
 HEIGHT_COLOURS, DIFFERENCE_COLOURS = "cividis", "RdBu_r"
-NOT_MEASURED = "0.8"
+NOT_MEASURED, BELOW = "0.8", "k"
 REFERENCE_LINE = {"color": "0.25", "lw": 1.6}
 TEST_LINE = {"color": "#D55E00", "lw": 1.1}  # vermilion of Okabe and Ito
+THIRD_LINE = {"color": "#0072B2", "lw": 1.1, "ls": (0, (4, 2))}  # their blue
+FOURTH_LINE = {"color": "#009E73", "lw": 1.1, "ls": (0, (1, 1))}  # their green
+LINES = (REFERENCE_LINE, TEST_LINE, THIRD_LINE, FOURTH_LINE)
+
+PANEL_INCHES = 3.65, 3.6
+"""Width and height of a map with its title, axes and colour bar."""
+
+WALL = 0.3
+"""A wall is a change of height by this share of the whole range ..."""
+NEAR_WALL = 0.01
+"""... within this share of the map's shorter side, at least two pixels."""
+
+
+def inside(height_map: HeightMap) -> np.ndarray:
+    """Return where the part is, away from walls, shape (rows, cols); all measured points where that leaves too few.
+
+    Colour ranges are taken there: a wall a hair out of place differs by its whole height and would hide all else, and
+    the bare substrate (0) around a relief on a tall block would take most of the colours.
+    """
+    heights = height_map.heights_um
+    known = ~np.isnan(heights)
+    if not known.any():
+        return known
+    low, high = heights[known].min(), heights[known].max()
+    relative = low < -0.05 * high  # no substrate at 0: relative heights, a difference
+    part = known & (relative | (heights > 0.05 * high))
+    size = 2 * max(2, round(NEAR_WALL * min(heights.shape))) + 1
+    highest = ndimage.maximum_filter(np.where(known, heights, -np.inf), size)
+    lowest = ndimage.minimum_filter(np.where(known, heights, np.inf), size)
+    flat = part & (highest - lowest < WALL * (high - low))
+    for chosen in (flat, part):
+        if chosen.sum() > 0.2 * part.sum():
+            return chosen
+    return known
 
 
 def height_limits(*maps: HeightMap) -> tuple[float, float]:
-    """Return the colour range that shows the relief, µm: the central 99 % of the part, from 0 if the part starts low.
-
-    Where the relief stands on a tall block, the bare substrate (0) around it would take most of the colours.
-    """
-    heights = np.concatenate([one.heights_um[~np.isnan(one.heights_um)] for one in maps])
+    """Return the colour range that shows the relief, µm: the central 99 % inside the part, the substrate if near."""
+    heights = np.concatenate([one.heights_um[inside(one)] for one in maps])
     if heights.size == 0:
         return 0.0, 1.0
-    part = heights[heights > 0.05 * heights.max()]
-    if part.size == 0 or heights.min() < -0.05 * heights.max():  # no substrate at 0: relative heights, a difference
-        part = heights
-    low, high = np.percentile(part, (0.5, 99.5))
+    low, high = np.percentile(heights, (0.5, 99.5))
     if 0 < low < 0.5 * high or high - low < 0.05 * abs(high):
-        low = min(0.0, low)
+        low = min(low, *(np.nanpercentile(one.heights_um, 0.5) for one in maps if inside(one).any()))
     return float(low), float(high if high > low else low + 1e-3)
 
 
@@ -57,12 +89,11 @@ def show_map(
     colours: str = HEIGHT_COLOURS,
     label: str = "height / µm",
 ) -> AxesImage:
-    """Draw a height map with its colour bar; x and y in µm from the map's centre, points not measured in grey.
+    """Draw a height map with colour bar and scale bar; x and y in µm from its centre, points not measured in grey.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        On a figure with constrained layout.
     height_map : HeightMap
     title, label : str
         Above the map, and beside the colour bar.
@@ -79,18 +110,40 @@ def show_map(
         origin="upper",
         aspect="equal",
         interpolation="none",
-        cmap=colours,
+        cmap=matplotlib.colormaps[colours].with_extremes(under=BELOW if colours == HEIGHT_COLOURS else None),
         vmin=low,
         vmax=high,
     )
     axes.set_facecolor(NOT_MEASURED)
-    axes.set(title=title, xlabel="x / µm", ylabel="y / µm")
+    axes.set(xlabel="x / µm", ylabel="y / µm")
+    axes.set_title(title, loc="left", pad=16)
     known = height_map.heights_um[~np.isnan(height_map.heights_um)]
     below, above = bool((known < low).any()), bool((known > high).any())
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
     beside = axes.inset_axes((1.04, 0, 0.05, 1))
     axes.figure.colorbar(image, cax=beside, label=label, extend=extend, extendfrac=0.04).outline.set_linewidth(0.6)
+    show_scale_bar(axes, width)
     return image
+
+
+def show_scale_bar(axes: Axes, width_um: float) -> None:
+    """Draw a bar of a round length above the upper right corner of a map of this width, so that it hides nothing."""
+    length, end = round_length(0.3 * width_um), width_um / 2
+    place = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+    axes.plot((end - length, end), (1.045, 1.045), color="k", lw=2.2, solid_capstyle="butt", scalex=False, **place)
+    size = 0.8 * matplotlib.rcParams["font.size"]
+    axes.text(end - length, 1.045, f"{length:g} µm ", ha="right", va="center_baseline", fontsize=size, **place)
+
+
+def round_length(most: float) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten that is not above this.
+
+    >>> round_length(0.3), round_length(19.9), round_length(50)
+    (0.2, 10.0, 50.0)
+    """
+    power = math.floor(math.log10(most * (1 + 1e-9)))
+    step = max(step for step in (1, 2, 5) if step <= most * (1 + 1e-9) / 10.0**power)
+    return float(f"{step}e{power}")
 
 
 def show_difference(
@@ -101,21 +154,21 @@ def show_difference(
     return show_map(axes, difference, title=title, limits_um=(-limit, limit), colours=DIFFERENCE_COLOURS, label=label)
 
 
-def show_profile(axes: Axes, maps: tuple[HeightMap, HeightMap], *, axis: str, names: tuple[str, str]) -> None:
-    """Draw the heights along x or y through the centre of reference and test, what lies between them shaded.
+def show_profiles(axes: Axes, maps: Sequence[HeightMap], *, axis: str, names: Sequence[str]) -> None:
+    """Draw the heights along x or y through the centre of up to four maps; what lies between the first two is shaded.
 
     Parameters
     ----------
-    maps, names : tuple
-        Reference, then test.
+    maps, names : sequence
+        The reference first.
     axis : {"x", "y"}
     """
-    (along, reference), (_, test) = (profile(one, axis) for one in maps)
-    axes.fill_between(along, reference, test, color=TEST_LINE["color"], alpha=0.15, lw=0)
-    axes.plot(along, reference, label=names[0], **REFERENCE_LINE)
-    axes.plot(along, test, label=names[1], **TEST_LINE)
+    for one, name, line in zip(maps, names, LINES, strict=False):
+        axes.plot(*profile(one, axis), label=name, **line)
+    if len(maps) > 1:
+        (along, reference), (_, test) = (profile(one, axis) for one in maps[:2])
+        axes.fill_between(along, reference, test, color=TEST_LINE["color"], alpha=0.15, lw=0)
     axes.set(xlabel=f"{axis} / µm", ylabel="height / µm")
-    axes.set_title(f"{axis}-profile through the centre", loc="left")
     axes.margins(x=0)
     axes.grid(color="0.9", lw=0.6)
     axes.spines[["top", "right"]].set_visible(False)
@@ -132,6 +185,11 @@ def profile(height_map: HeightMap, axis: str) -> tuple[np.ndarray, np.ndarray]:
     return height_map.y_um[::-1], height_map.heights_um[::-1, cols // 2]
 
 
+def overview(height_map: HeightMap, *, name: str, caption: str = "") -> Figure:
+    """Draw one map with its x- and y-profiles through the centre."""
+    return _sheet([(name, height_map)], caption=caption)
+
+
 def comparison(
     reference: HeightMap, test: HeightMap, *, names: tuple[str, str] = ("target", "test"), caption: str = ""
 ) -> Figure:
@@ -143,26 +201,86 @@ def comparison(
         The grids differ.
     """
     require_same_grid(reference, test, names)
-    difference = test.with_heights(test.heights_um - reference.heights_um)
-    figure = Figure(figsize=(11, 6.2), layout="constrained")
-    rows = figure.subfigures(2, 1, height_ratios=(1.35, 1))
-    first, second, third = rows[0].subplots(1, 3)
-    limits = height_limits(reference, test)
-    show_map(first, reference, title=f"(a) {names[0]}", limits_um=limits)
-    show_map(second, test, title=f"(b) {names[1]}", limits_um=limits)
-    show_difference(third, difference, title="(c) difference (b) − (a)")
-    for axes in (first, second, third):
-        cross = {"color": "0.4" if axes is third else "w", "lw": 0.6, "ls": (0, (6, 6)), "alpha": 0.8}
+    return _sheet(list(zip(names, (reference, test), strict=True)), caption=caption)
+
+
+def correction(target: HeightMap, corrected: HeightMap, predicted: HeightMap, *, caption: str = "") -> Figure:
+    """Draw target, the print predicted of the corrected design, that design, the error left, and profiles of all three.
+
+    All maps on one grid.
+    """
+    maps = [("target", target), ("predicted print", predicted), ("corrected design", corrected)]
+    return _sheet(maps, caption=caption)
+
+
+def calibration(
+    rows: Sequence[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]], *, caption: str = ""
+) -> Figure:
+    """Draw target, recording, prediction and residual of every recording, one row for each.
+
+    Parameters
+    ----------
+    rows : sequence of (name, target, recording, prediction, residual_um)
+        On one grid each; the residual is NaN where a point did not count.
+    caption : str
+    """
+    width, height = PANEL_INCHES
+    figure = Figure(figsize=(4 * width, len(rows) * (height - 0.4) + 0.4), layout="constrained")
+    limit = difference_limit(*(row[-1] for row in rows))
+    for part, (name, *maps, residual) in zip(figure.subfigures(len(rows), 1, squeeze=False)[:, 0], rows, strict=True):
+        part.suptitle(name, fontsize=11, x=0.01, ha="left")
+        panels = part.subplots(1, 4)
+        limits = height_limits(*maps)
+        for axes, one, title in zip(panels, maps, ("target", "recording", "prediction"), strict=False):
+            show_map(axes, one, title=title, limits_um=limits)
+        show_difference(panels[3], maps[0].with_heights(residual), title="recording − prediction", limit_um=limit)
+    figure.suptitle(caption, fontsize=10)
+    return figure
+
+
+def _sheet(maps: Sequence[tuple[str, HeightMap]], *, caption: str) -> Figure:
+    """Draw maps on one colour range, second − first where there are two, and profiles through the centre of all."""
+    names, shown = zip(*maps, strict=True)
+    columns = len(maps) + (len(maps) > 1)
+    above, below = _halves(columns)
+    panels = above.subplots(1, columns, squeeze=False)[0]
+    limits = height_limits(*shown)
+    for letter, axes, name, one in zip("abcd", panels, names, shown, strict=False):
+        show_map(axes, one, title=f"({letter}) {name}" if columns > 1 else name, limits_um=limits)
+    if len(maps) > 1:
+        change = shown[1].heights_um - shown[0].heights_um
+        limit = difference_limit(np.where(inside(shown[0]), change, np.nan))
+        title = f"({'abcd'[columns - 1]}) difference (b) − (a)"
+        show_difference(panels[-1], shown[0].with_heights(change), title=title, limit_um=limit)
+    for axes in panels:
+        cross = {
+            "color": "0.4" if axes is panels[-1] and columns > 1 else "w",
+            "lw": 0.6,
+            "ls": (0, (6, 6)),
+            "alpha": 0.8,
+        }
         axes.axhline(0, **cross)
         axes.axvline(0, **cross)
-    left, right = rows[1].subplots(1, 2, sharey=True)
-    show_profile(left, (reference, test), axis="x", names=names)
-    show_profile(right, (reference, test), axis="y", names=names)
-    right.set_ylabel("")
-    left.legend(frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), borderaxespad=0)
+    first, second = below.subplots(*((2, 1) if columns == 1 else (1, 2)), sharey=True)
+    for axes, axis in ((first, "x"), (second, "y")):
+        show_profiles(axes, shown, axis=axis, names=names)
+        axes.set_title(f"{axis}-profile", loc="left")
+    if len(maps) > 1:
+        second.set_ylabel("")
+        second.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98), borderaxespad=0)
     if caption:
-        figure.suptitle(caption, fontsize=10)
-    return figure
+        first.figure.figure.suptitle(caption, fontsize=10)
+    return first.figure.figure
+
+
+def _halves(columns: int) -> tuple[SubFigure, SubFigure]:
+    """Return a place for the maps and one for the profiles: side by side for a single map, else one above the other."""
+    width, height = PANEL_INCHES
+    if columns == 1:
+        figure = Figure(figsize=(2.6 * width, height + 0.4), layout="constrained")
+        return tuple(figure.subfigures(1, 2, width_ratios=(1, 1.35)))
+    figure = Figure(figsize=(columns * width, height + 2.8), layout="constrained")
+    return tuple(figure.subfigures(2, 1, height_ratios=(height, 2.6)))
 
 
 def save(path: Path | str, figure: Figure, *, dpi: float = 200) -> None:

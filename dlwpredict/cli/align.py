@@ -11,6 +11,7 @@ import yaml
 from dlwpredict.align import Alignment, align
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import Output, Overwrite, check_outputs
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
@@ -33,13 +34,15 @@ def run(
     keep_missing: Annotated[
         bool, typer.Option("--keep-missing", help="Leave points that were not measured empty (NaN).")
     ] = False,
+    plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Find the target in a recording, resample it onto the target's grid and level it.
 
     Example: dlwpredict align recording.tif target.tif -o aligned.tif --report align.yaml
     """
-    check_outputs(output, report, overwrite=overwrite)
+    check_outputs(output, report, plot, overwrite=overwrite)
+    check_plot(plot)
     maps = read_height_map(recording), read_height_map(target)
     try:
         found = align(*maps, distortion=distortion, allow_mirror=allow_mirror, keep_missing=keep_missing)
@@ -51,6 +54,11 @@ def run(
     write_height_map(output, found.aligned)
     if report is not None:
         write_text(report, yaml.safe_dump(found.as_dict(), sort_keys=False))
+    if plot is not None:
+        from dlwpredict import plots
+
+        names = "target", "aligned recording"
+        plots.save(plot, plots.comparison(maps[1], found.aligned, names=names, caption=_line(found)))
     if found.symmetry.endswith("fold"):
         warn(f"{target}: {found.symmetry} symmetry: of the equal rotations the smallest was taken")
     if found.symmetry == "round":

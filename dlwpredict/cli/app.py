@@ -76,7 +76,7 @@ def _program(
 def _register() -> None:
     """Add every module of this package: COMMAND and `run`, or COMMAND and a `group` of sub-commands, per file."""
     for found in pkgutil.iter_modules(sys.modules[__package__].__path__):
-        if found.name not in ("app", "console", "options"):
+        if found.name not in ("app", "console", "options", "plotting"):
             module = importlib.import_module(f"{__package__}.{found.name}")
             if hasattr(module, "group"):
                 app.add_typer(module.group, name=module.COMMAND)

@@ -10,6 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from dlwpredict.calibrate import Calibration, Point, Recording, calibrate, prepare
@@ -17,6 +18,7 @@ from dlwpredict.calibrate.recordings import WALL_PX
 from dlwpredict.calibrate.report import report_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say, warn
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
@@ -24,6 +26,7 @@ from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import provenance
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.flat import Free, choose
+from dlwpredict.heightmap import HeightMap
 
 COMMAND = "calibrate"
 CLASS = options.PairCommand
@@ -65,6 +68,7 @@ def run(
         bool, typer.Option("--profile", help="Likelihood profile for every weakly known parameter, not just the worst.")
     ] = False,
     report: Annotated[Path | None, typer.Option(help="All figures (.yaml or .json).")] = None,
+    plot: Plot = None,
     seed: options.Seed = 0,
     overwrite: options.Overwrite = False,
 ) -> None:
@@ -72,7 +76,8 @@ def run(
 
     $ dlwpredict calibrate --pair cin.tif cin_aligned.tif --pair air.tif air_aligned.tif -o process.yaml
     """
-    options.check_outputs(output, report, overwrite=overwrite)
+    options.check_outputs(output, report, plot, overwrite=overwrite)
+    check_plot(plot)
     if report and report.suffix not in (".yaml", ".yml", ".json"):
         raise InputError(
             f"found {report.suffix or 'no ending'}", where=report, key="--report", allowed="allowed: .yaml, .json"
@@ -110,7 +115,29 @@ def run(
             if report.suffix == ".json"
             else yaml_text(content),
         )
+    if plot is not None:
+        from dlwpredict import plots
+
+        errors = f"rmse {found.start.rmse_um:.4f} → {found.point.rmse_um:.4f} µm"
+        plots.save(plot, plots.calibration(_rows(found), caption=errors))
     _tell(output, found)
+
+
+def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]]:
+    """Return name, target, recording, prediction and residual of every recording, on its grid.
+
+    What is free about a recording's height is taken off it; the residual is NaN where a point does not count.
+    """
+    rows, point = [], found.point
+    for one, at, residual in zip(found.problem.recordings, point.traces, point.residuals, strict=True):
+        predicted = one.target.with_heights(at.heights_um)
+        left = np.full(one.used.shape, np.nan)
+        left[one.used] = residual
+        offset = np.median(one.heights_um - at.heights_um[one.used] - residual)
+        rows.append(
+            (one.name, one.target, one.measured.with_heights(one.measured.heights_um - offset), predicted, left)
+        )
+    return rows
 
 
 def _prepared(target: Path, recording: Path, wall_px: int) -> Recording:

@@ -9,6 +9,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import format_of
@@ -26,6 +27,7 @@ def run(
     z_scale: options.ZScale = None,
     z_range: options.ZRange = None,
     fill: options.Fill = None,
+    plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Convert a height map; the endings decide the formats. --z-range belongs to IN if that is a PNG, else to OUT.
@@ -35,7 +37,8 @@ def run(
     if (target is None) == (output is None):
         raise typer.BadParameter("give OUT once: as second argument or with -o")
     target = target or output
-    options.check_outputs(target, overwrite=overwrite)
+    options.check_outputs(target, plot, overwrite=overwrite)
+    check_plot(plot)
     with blaming(target):
         writer = format_of(target, "write")
     asked, knobs = _range_where_it_belongs(source, target, z_range)
@@ -47,6 +50,10 @@ def run(
         height_map = fill_missing(height_map, fill)
     remarks = write_height_map(target, height_map, **knobs)
     say(f"{target}: {writer.name} written")
+    if plot is not None:
+        from dlwpredict import plots
+
+        plots.save(plot, plots.overview(height_map, name=target.stem, caption=height_map.summary()))
     for remark in remarks:
         warn(f"{target}: {remark}")
 

@@ -11,6 +11,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn, with_verbosity
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.designs import KINDS, options_of
 from dlwpredict.errors import blaming
 from dlwpredict.files import write_height_map
@@ -28,11 +29,16 @@ def command(kind: str) -> Callable[..., None]:
     """Return the command of a kind, its options derived from the kind's signature."""
     make = KINDS[kind]
 
-    def run(*, output: Path, overwrite: bool, **settings) -> None:
-        options.check_outputs(output, overwrite=overwrite)
+    def run(*, output: Path, plot: Path | None, overwrite: bool, **settings) -> None:
+        options.check_outputs(output, plot, overwrite=overwrite)
+        check_plot(plot)
         with blaming(f"design {kind}"):
             target = make(**settings)
         write_height_map(output, target)
+        if plot is not None:
+            from dlwpredict import plots
+
+            plots.save(plot, plots.overview(target, name=kind, caption=target.summary()))
         asked = settings["size_um"] + 2 * settings["margin_um"]
         if max(abs(side - asked) for side in target.size_um) > 1e-6 * asked:
             width, depth = target.size_um
@@ -44,11 +50,12 @@ def command(kind: str) -> Callable[..., None]:
     declared = options_of(make)
     given = inspect.signature(make).parameters.values()
     kind_options = [option.replace(annotation=as_option(option, declared[option.name])) for option in given]
-    output, overwrite = (
+    output, plot, overwrite = (
         inspect.Parameter("output", inspect.Parameter.KEYWORD_ONLY, annotation=options.Output),
+        inspect.Parameter("plot", inspect.Parameter.KEYWORD_ONLY, annotation=Plot, default=None),
         inspect.Parameter("overwrite", inspect.Parameter.KEYWORD_ONLY, annotation=options.Overwrite, default=False),
     )
-    run.__signature__ = inspect.Signature([output, *kind_options, overwrite])
+    run.__signature__ = inspect.Signature([output, *kind_options, plot, overwrite])
     run.__doc__ = f"Make a target: {make.meaning}.\n\n$ dlwpredict design {kind} -o {kind}.tif"
     return run
 

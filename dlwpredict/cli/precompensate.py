@@ -12,6 +12,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
@@ -58,13 +59,15 @@ def run(
         Side | None,
         typer.Option(help="Where effects happen that the parameter file cannot place: only the print's are corrected."),
     ] = None,
+    plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Correct a target so that its print has the target's heights; print effects only, never measurement effects.
 
     $ dlwpredict precompensate target.tif -p process.yaml -o corrected.tif --report pre.yaml
     """
-    options.check_outputs(output, report, unreachable, overwrite=overwrite)
+    options.check_outputs(output, report, unreachable, plot, overwrite=overwrite)
+    check_plot(plot)
     process = read_parameters(parameters)
     part = read_height_map(target)
     limits = Limits(maximum_um, process.writing.slicing_um if slicing_um is None else slicing_um)
@@ -97,6 +100,11 @@ def run(
     if report:
         write_text(report, yaml_text(figures))
     write_height_map(output, found.corrected)
+    if plot is not None:
+        from dlwpredict import plots
+
+        errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
+        plots.save(plot, plots.correction(part, found.corrected, found.predicted, caption=f"rmse {errors} µm"))
     reached, missed = figures["reachable"], figures["unreachable"]
     say(
         f"{output}: rmse {figures['rmse_um']['before']:.4f} -> {figures['rmse_um']['after']:.4f} µm in "

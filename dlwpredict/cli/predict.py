@@ -10,6 +10,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
@@ -40,13 +41,15 @@ def run(
         bool,
         typer.Option("--as-measured", help="Add the measurement effects: what the instrument would show."),
     ] = False,
+    plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Predict the printed surface of a target.
 
     $ dlwpredict predict target.tif -p process.yaml -o predicted.tif
     """
-    options.check_outputs(output, overwrite=overwrite)
+    options.check_outputs(output, plot, overwrite=overwrite)
+    check_plot(plot)
     process = read_parameters(parameters)
     part = read_height_map(target)
     if method is Method.voxel:
@@ -60,4 +63,8 @@ def run(
     with blaming(target):
         printed = predict(part, process, numerics=numerics, as_measured=as_measured)
     write_height_map(output, printed)
+    if plot is not None:
+        from dlwpredict import plots
+
+        plots.save(plot, plots.comparison(part, printed, names=("target", "prediction")))
     say(f"{output}: {printed.summary()}")
