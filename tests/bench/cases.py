@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlwpredict import designs
+from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
-from tests.press import Microscope, measure, microscope_from, press_from, print_part
+from tests.press import Microscope, Press, measure, microscope_from, press_from, print_part
 
 PITCH_UM = 0.4
 FINER = 3
@@ -33,6 +34,44 @@ RANGES = {
     "shrinkage_max": (0.90, 1.00),
 }
 """Process parameters are drawn from these."""
+
+
+NEVER = ("z-amplification", "misregistration")
+"""Named effects that are no cases here: one no recording can show, one is a nuisance of every recording."""
+
+SIDES = {name: kind.side for name, kind in library().items()}
+ALIKE = (
+    {"vignetting", "print-field-curvature", "field-curvature", "curl"},
+    {"z-drift", "z-linearity", "power-drift", "shrinkage-nonlinearity", "z-amplification"},
+    {"power-drift", "interface-offset", "spherical-aberration", "z-drift"},
+    {"instrument-blur", "batwings"},
+    {"edge-inhibition", "psf-wings", "dose-proximity", "edge-drying"},
+    {"galvo-lag", "slope-error", "astigmatism"},
+    {"line-end-pileup", "batwings", "edge-drying"},
+    {"interface-offset", "substrate-tilt", "print-field-curvature"},
+)
+"""Classes of effects that look alike: effects.md, section 6."""
+
+OUTSIDE = {
+    "particle": {"x_um": 4.0, "y_um": -3.0, "diameter_um": 4.0, "height_um": 0.3},
+    "blister": {"x_um": -6.0, "y_um": 8.0, "rise_um": 0.2},
+    "vibration-ripple": {"amplitude_um": 0.03},
+    "blanked-strip": {"x_um": 5.0, "loss": 0.1},
+    "scratch": {"x_um": -2.0, "y_um": 4.0, "width_um": 1.5, "depth_um": 0.3},
+    "resin-layer": {"slant_x_mrad": 30.0, "change": 0.1},
+    "mode-hop": {"from_z_um": 6.0, "step": 0.1},
+    "droplet-residue": {"share": 0.1, "thickest_um": 0.3},
+    "line-jitter": {"sigma_um": 0.08},
+    "micro-explosion": {"x_um": 7.0, "y_um": 5.0, "depth_um": 0.5},
+    "scan-wobble": {"amplitude_um": 0.1},
+    "hatch-creep": {"creep_mrad_per_um": 0.2},
+    "thermal-lens": {"strength": 0.1},
+}
+"""Physics that the library does not have; the last two resemble members of it."""
+
+
+IN_MICROSCOPE = ("scan-wobble",)
+"""Those of them that the microscope does."""
 
 
 @dataclass(frozen=True)
@@ -95,12 +134,26 @@ def recorded(case: Case) -> list[tuple[HeightMap, HeightMap]]:
     press, pairs = press_of(case), []
     for k, kind in enumerate(case.structures):
         part = target(kind)
-        heights = np.kron(part.heights_um, np.ones((FINER, FINER)))
-        dx, dy = part.dx_um / FINER, part.dy_um / FINER
-        printed = print_part(heights, dx, dy, press)
-        seen = measure(printed, dx, dy, microscope_of(case, part, rng), seed=1000 * case.seed + k)
-        pairs.append((part, part.with_heights(seen.heights)))
+        pairs.append((part, seen(part, press, microscope_of(case, part, rng), seed=1000 * case.seed + k)))
     return pairs
+
+
+def seen(part: HeightMap, press: Press, microscope: Microscope, *, seed: int = 0, finer: int = FINER) -> HeightMap:
+    """Print a target on pixels so many times finer and record it on its own grid."""
+    heights = np.kron(part.heights_um, np.ones((finer, finer)))
+    dx, dy = part.dx_um / finer, part.dy_um / finer
+    return part.with_heights(measure(print_part(heights, dx, dy, press), dx, dy, microscope, seed=seed).heights)
+
+
+def by_machine(effects: Sequence[Mapping]) -> tuple[tuple[Mapping, ...], tuple[Mapping, ...]]:
+    """Return the effects of the press, and those of the microscope."""
+    artefacts = tuple(e for e in effects if SIDES.get(e["name"]) == "measurement" or e["name"] in IN_MICROSCOPE)
+    return tuple(e for e in effects if e not in artefacts), artefacts
+
+
+def alike(a: str, b: str) -> bool:
+    """Tell whether two effects stand in one class of look-alikes."""
+    return a == b or any(a in group and b in group for group in ALIKE)
 
 
 def effects_of(press: Sequence[Mapping], artefacts: Sequence[Mapping] = ()) -> str:

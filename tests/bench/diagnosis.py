@@ -23,44 +23,7 @@ from dlwpredict.diagnose.run import diagnose
 from dlwpredict.diagnose.screen import POWER
 from dlwpredict.effects import library
 from dlwpredict.parameters import ParameterSet, declarations
-from tests.bench.cases import Case, recorded
-
-NEVER = ("z-amplification", "misregistration")
-"""Named effects that are no cases here: one no recording can show, one is a nuisance of every recording."""
-
-SIDES = {name: kind.side for name, kind in library().items()}
-ALIKE = (
-    {"vignetting", "print-field-curvature", "field-curvature", "curl"},
-    {"z-drift", "z-linearity", "power-drift", "shrinkage-nonlinearity", "z-amplification"},
-    {"power-drift", "interface-offset", "spherical-aberration", "z-drift"},
-    {"instrument-blur", "batwings"},
-    {"edge-inhibition", "psf-wings", "dose-proximity", "edge-drying"},
-    {"galvo-lag", "slope-error", "astigmatism"},
-    {"line-end-pileup", "batwings", "edge-drying"},
-    {"interface-offset", "substrate-tilt", "print-field-curvature"},
-)
-"""Classes of effects that look alike: effects.md, section 6."""
-
-OUTSIDE = {
-    "particle": {"x_um": 4.0, "y_um": -3.0, "diameter_um": 4.0, "height_um": 0.3},
-    "blister": {"x_um": -6.0, "y_um": 8.0, "rise_um": 0.2},
-    "vibration-ripple": {"amplitude_um": 0.03},
-    "blanked-strip": {"x_um": 5.0, "loss": 0.1},
-    "scratch": {"x_um": -2.0, "y_um": 4.0, "width_um": 1.5, "depth_um": 0.3},
-    "resin-layer": {"slant_x_mrad": 30.0, "change": 0.1},
-    "mode-hop": {"from_z_um": 6.0, "step": 0.1},
-    "droplet-residue": {"share": 0.1, "thickest_um": 0.3},
-    "line-jitter": {"sigma_um": 0.08},
-    "micro-explosion": {"x_um": 7.0, "y_um": 5.0, "depth_um": 0.5},
-    "scan-wobble": {"amplitude_um": 0.1},
-    "hatch-creep": {"creep_mrad_per_um": 0.2},
-    "thermal-lens": {"strength": 0.1},
-}
-"""Physics that the library does not have; the last two resemble members of it."""
-
-
-IN_MICROSCOPE = ("scan-wobble",)
-"""Those of them that the microscope does."""
+from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, recorded
 
 
 def limits(seed: int) -> dict[str, dict[str, float | str]]:
@@ -88,10 +51,7 @@ def strong(name: str, limit: Mapping, times: float, sign: int = 1) -> dict:
 
 def case_of(*effects: Mapping, **settings) -> Case:
     """Sort effects to the press and to the microscope."""
-    print_side = tuple(
-        e for e in effects if SIDES.get(e["name"], "print") == "print" and e["name"] not in IN_MICROSCOPE
-    )
-    return Case(print_side, tuple(e for e in effects if e not in print_side), **settings)
+    return Case(*by_machine(effects), **settings)
 
 
 def cases(chosen: argparse.Namespace, known: Mapping) -> Iterable[tuple[str, Case]]:
@@ -141,11 +101,6 @@ def run(job: tuple[str, Case, Path]) -> None:
         f"{made - started:.0f} + {content['seconds']:.0f} s]",
         flush=True,
     )
-
-
-def alike(a: str, b: str) -> bool:
-    """Tell whether two effects stand in one class of look-alikes."""
-    return a == b or any(a in group and b in group for group in ALIKE)
 
 
 def table(folder: Path) -> None:
