@@ -120,7 +120,7 @@ def test_outputs_are_checked_before_any_work(tmp_path, command):
         result = CliRunner().invoke(app, [*command, str(tmp_path / "a.tif"), "-o", str(tmp_path / name)])
         assert result.exit_code == 1
         assert f"{tmp_path / name}: format: " in result.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.tif", "there.stl"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.tif", "there.stl", "there.stl.provenance.yaml"]
 
 
 @pytest.mark.parametrize("ending", [ending for ending, this in formats().items() if this.read])

@@ -14,6 +14,7 @@ import dlwpredict
 from dlwpredict.cli.console import with_verbosity
 from dlwpredict.cli.options import joined_pairs
 from dlwpredict.errors import InputError
+from dlwpredict.files.provenance import running
 
 COMMAND_ORDER = [
     "design",
@@ -28,6 +29,7 @@ COMMAND_ORDER = [
     "effects",
     "batch",
     "report",
+    "verify",
 ]
 
 
@@ -38,14 +40,18 @@ class _Program(TyperGroup):
         return sorted(super().list_commands(ctx), key=lambda name: (*COMMAND_ORDER, name).index(name))
 
     def parse_args(self, ctx, args: list[str]) -> list[str]:
+        ctx.obj = ("dlwpredict", *args)
         return super().parse_args(ctx, joined_pairs(args))
 
     def invoke(self, ctx):
         try:
-            return super().invoke(ctx)
+            with running(ctx.obj):
+                return super().invoke(ctx)
         except InputError as error:
             typer.echo(f"error: {error}", err=True)
-            raise typer.Exit(1) from None
+        except MemoryError:
+            typer.echo("error: not enough memory for this input, allowed: fewer points or a coarser pitch", err=True)
+        raise typer.Exit(1) from None
 
 
 app = typer.Typer(

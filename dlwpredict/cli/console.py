@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from dlwpredict.files.provenance import present_run
+
 _QUIET, _NORMAL, _VERBOSE = range(3)
 _level = _NORMAL
 
@@ -45,6 +47,8 @@ def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
         if verbose and quiet:
             raise typer.BadParameter("--verbose and --quiet exclude each other")
         _level = _VERBOSE if verbose else _QUIET if quiet else _NORMAL
+        if present := present_run():
+            present.seed = kwargs.get("seed")
         return run(*args, **kwargs)
 
     signature = inspect.signature(run, eval_str=True)

@@ -115,14 +115,17 @@ class Format:
 
     ``read(path, pitch_um)`` gives `Stored`; the pitch is what the user asked for, or None. ``write(path,
     height_map, **knobs)`` writes to a path that is renamed into place afterwards. Both raise `InputError`
-    without naming the file: the caller does. The writer returns remarks on what
-    the format could not keep.
+    without naming the file: the caller does. The writer returns remarks on what the format could not keep.
+    ``channels``: the reader takes a third argument, the title or number of a channel, or None. A file that begins
+    with one of ``first_bytes`` is of this format whatever its ending.
     """
 
     name: str
     endings: tuple[str, ...]
-    read: Callable[[Path, Pair | None], Stored] | None = None
+    read: Callable[..., Stored] | None = None
     write: Callable[..., list[str]] | None = None
+    channels: bool = False
+    first_bytes: tuple[bytes, ...] = ()
 
 
 @functools.cache
@@ -144,8 +147,8 @@ def formats() -> dict[str, Format]:
     return found
 
 
-def format_of(path: Path, action: str) -> Format:
-    """Return the format that can ``read`` or ``write`` the path, by its ending.
+def format_of(path: Path, action: str, first_bytes: bytes = b"") -> Format:
+    """Return the format that can ``read`` or ``write`` the path, by its first bytes, else by its ending.
 
     Raises
     ------
@@ -153,6 +156,9 @@ def format_of(path: Path, action: str) -> Format:
         Unknown ending, or one that this program can only read or only write.
     """
     able = {ending: this for ending, this in formats().items() if getattr(this, action)}
+    for this in able.values():
+        if any(first_bytes.startswith(marked) for marked in this.first_bytes):
+            return this
     for ending in sorted(able, key=len, reverse=True):
         if path.name.lower().endswith(ending):
             return able[ending]

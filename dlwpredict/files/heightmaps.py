@@ -10,6 +10,7 @@ import numpy as np
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import replacing
 from dlwpredict.files.formats import format_of
+from dlwpredict.files.provenance import note_input, note_map
 from dlwpredict.heightmap import HeightMap
 
 
@@ -19,6 +20,7 @@ def read_height_map(
     pitch_um: float | tuple[float, ...] | None = None,
     z_scale: float | None = None,
     z_range_um: tuple[float, float] | None = None,
+    channel: str | None = None,
 ) -> HeightMap:
     """Read a height map; the ending decides the format.
 
@@ -32,6 +34,8 @@ def read_height_map(
         µm per stored number (metres: 1e6). Wins over the unit in the file; 1 where neither says.
     z_range_um : tuple of float, optional
         Heights of the lowest and the highest grey level (pictures only), µm.
+    channel : str, optional
+        Title or number (from 1) of the channel, for formats that can hold several.
 
     Raises
     ------
@@ -43,10 +47,14 @@ def read_height_map(
         pitch = _pair(pitch_um)
         _check_scale(z_scale)
         _check_range(z_range_um)
-        chosen = format_of(path, "read")
-        _check_readable(path)
-        stored = chosen.read(path, pitch)
-        return stored.height_map(pitch_um=pitch, z_scale=z_scale, z_range_um=z_range_um)
+        chosen = format_of(path, "read", _first_bytes(path))
+        if channel is not None and not chosen.channels:
+            raise InputError(f"given for {chosen.name}", key="--channel", allowed="allowed where a file has several")
+        note_input(path)
+        stored = chosen.read(path, pitch, channel) if chosen.channels else chosen.read(path, pitch)
+        height_map = stored.height_map(pitch_um=pitch, z_scale=z_scale, z_range_um=z_range_um)
+    note_map(path, height_map)
+    return height_map
 
 
 def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> list[str]:
@@ -91,14 +99,15 @@ def _check_range(z_range_um: tuple[float, float] | None) -> None:
         raise InputError(f"found {found}", key="--z-range", allowed="allowed: two numbers of µm, the lower one first")
 
 
-def _check_readable(path: Path) -> None:
-    """Refuse what is missing, a folder, not readable, or empty."""
+def _first_bytes(path: Path) -> bytes:
+    """Return what the file begins with; refuse what is missing, a folder, not readable, or empty."""
     if path.is_dir():
         raise InputError("is a folder", key="file", allowed="give a file")
     try:
         with path.open("rb") as stream:
-            empty = not stream.read(1)
+            first = stream.read(16)
     except OSError as error:
         raise InputError(f"cannot read ({error.strerror})", key="file") from None
-    if empty:
+    if not first:
         raise InputError("is empty", key="file", allowed="a height map")
+    return first

@@ -12,6 +12,7 @@ from dlwpredict.effects import library
 from dlwpredict.effects.base import settings
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import write_text
+from dlwpredict.files.provenance import note_input
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
 from dlwpredict.parameters import Paper, ParameterSet, Readings, Undecided, Writing, declarations
 
@@ -30,7 +31,9 @@ def read_parameters(path: Path | str | None) -> ParameterSet:
     if path is None:
         return ParameterSet()
     with blaming(path):
-        return parameters_from(read_yaml(path))
+        content = read_yaml(path)
+        note_input(Path(path))
+        return parameters_from(content)
 
 
 def write_parameters(path: Path | str, parameters: ParameterSet) -> None:
