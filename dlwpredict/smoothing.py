@@ -96,30 +96,42 @@ def block_mean(plane: np.ndarray, factors: Sequence[int]) -> np.ndarray:
     return plane.reshape(rows, factors[0], cols, factors[1]).mean(axis=(1, 3))
 
 
-def spline_matrix(positions: np.ndarray, size: int) -> np.ndarray:
-    """Return the matrix (positions, size) of cubic-spline interpolation from nodes 0 … size − 1."""
-    return make_interp_spline(np.arange(size), np.eye(size), k=3)(positions)
+def spline_matrix(positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Return the matrix (positions, nodes) of cubic-spline interpolation."""
+    return make_interp_spline(nodes, np.eye(len(nodes)), k=3)(positions)
 
 
 def wide_blur(plane: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray:
     """Do what `blur` does, to about 1e-5 of a step, but evaluate a wide Gaussian on no more points than it needs."""
     if min(sigma_y_px, sigma_x_px) < WIDE_PIXELS_PER_SIGMA:
         return blur(plane, sigma_y_px, sigma_x_px)
-    (down_y, up_y), (down_x, up_x) = (
-        _sparsely(n, float(s)) for n, s in zip(plane.shape, (sigma_y_px, sigma_x_px), strict=True)
+    rows, cols = (sparse_means(n, float(s)) for n, s in zip(plane.shape, (sigma_y_px, sigma_x_px), strict=True))
+    (up_y, down_y), (up_x, down_x) = (
+        (spline_matrix(np.arange(n), points), down) for n, (points, down) in zip(plane.shape, (rows, cols), strict=True)
     )
     return up_y @ (down_y @ plane @ down_x.T) @ up_x.T
 
 
 @lru_cache(maxsize=16)
-def _sparsely(count: int, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrices from pixels to a Gaussian mean at points σ/4 apart, (points, count), and back by a spline."""
-    step = sigma_px / WIDE_PIXELS_PER_SIGMA
-    pixels = np.arange(count)
-    points = step * np.arange(-3, int(np.ceil((count - 1) / step)) + 4)
-    distance = (points[:, None] - pixels) / sigma_px
-    down = np.exp(-(distance**2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
-    return down, spline_matrix((pixels - points[0]) / step, len(points))
+def sparse_means(count: int, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return Gaussian means along a row of pixels, at no more points than a cubic spline through them needs.
+
+    Returns
+    -------
+    points : numpy.ndarray, shape (points,)
+        Positions in pixels, σ/4 apart, or one pixel where σ is below 4 pixels.
+    means : numpy.ndarray, shape (points, count)
+        From pixels to the means at the points; beyond the row there is nothing.
+    """
+    step, pixels = sigma_px / WIDE_PIXELS_PER_SIGMA, np.arange(count)
+    if step <= 1:
+        points = np.arange(-3, count + 3)
+        taps = np.pad(gaussian_taps(sigma_px), 1)
+        middle = len(taps) // 2
+        return points, taps[np.clip(points[:, None] - pixels, -middle, middle) + middle]
+    half = int(np.ceil((count - 1) / 2 / step)) + 3
+    points = (count - 1) / 2 + step * np.arange(-half, half + 1)  # a mirrored map has mirrored points
+    return points, np.exp(-(((points[:, None] - pixels) / sigma_px) ** 2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
 
 
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:

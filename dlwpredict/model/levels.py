@@ -17,7 +17,7 @@ from scipy.special import ndtr, ndtri
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.parallel import each
-from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_SIGMAS, block_mean, blur, spline_matrix
+from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, sparse_means, spline_matrix
 
 LEVEL_STEP_SIGMAS = 0.4
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
@@ -219,16 +219,18 @@ def _crosslink_stack(
     factors = [max(int(sigma_um / COARSE_PIXELS_PER_SIGMA / pitch), 1) for pitch in pitches]
     # averaging over m pixels already widens by (m² − 1)/12 pixels²
     sigmas = [np.sqrt(max((sigma_um / p) ** 2 - (m**2 - 1) / 12, 0)) / m for p, m in zip(pitches, factors, strict=True)]
-    reach = [int(np.ceil(2 * REACH_SIGMAS * s / 5)) + 2 for s in sigmas]
-    padding = [(m * r, m * r + (-n) % m) for n, m, r in zip(surface.shape, factors, reach, strict=True)]
-    heights = np.pad(surface.heights_um, padding)
-    source = _source(crosslinked, heights, padding, factors, threads)
-    stack = np.stack(each(lambda z: blur(source(z), *sigmas), levels, threads))
-    matrices = [
-        spline_matrix((np.arange(n) + before + 0.5) / m - 0.5, size)
-        for n, (before, _), m, size in zip(surface.shape, padding, factors, stack.shape[1:], strict=True)
-    ]
-    return stack, *matrices
+    whole = [(0, -n % m) for n, m in zip(surface.shape, factors, strict=True)]
+    heights = np.pad(surface.heights_um, whole)
+    source = _source(crosslinked, heights, whole, factors, threads)
+    (y, down_y), (x, down_x) = (
+        sparse_means(n // m, float(s)) for n, m, s in zip(heights.shape, factors, sigmas, strict=True)
+    )
+    stack = np.stack(each(lambda z: down_y @ source(z) @ down_x.T, levels, threads))
+    rows, cols = (
+        spline_matrix((np.arange(n) + 0.5) / m - 0.5, points)
+        for n, m, points in zip(surface.shape, factors, (y, x), strict=True)
+    )
+    return stack, rows, cols
 
 
 def _source(
