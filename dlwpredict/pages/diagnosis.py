@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
-
 from dlwpredict.files.atomic import write_text
 from dlwpredict.pages import words
 from dlwpredict.pages.pictures import LARGEST_MAP, MOST_PIXELS, PairMaps, coarser, pictures
+from dlwpredict.pages.templates import template
 
 __all__ = ["Evidence", "PairMaps", "write_page"]
 
@@ -82,7 +81,7 @@ def write_page(
 def page(content: dict, maps: Sequence[PairMaps], *, command: str, evidence: Sequence[Evidence]) -> str:
     """Return the page; parameters as for `write_page`."""
     ranked = sorted(evidence, key=lambda row: -abs(row.score))
-    return _template().render(
+    return template("diagnosis.html").render(
         content=content,
         pairs=[_pair(index, pair, content, len(maps)) for index, pair in enumerate(maps)],
         names=[pair.name for pair in maps],
@@ -134,19 +133,3 @@ def _numbers(locations: Sequence[Mapping[str, Any]]) -> list[int]:
     """Return the number of every place within its pair, from 1, as on the maps."""
     pairs = [place["pair"] for place in locations]
     return [pairs[: index + 1].count(pair) for index, pair in enumerate(pairs)]
-
-
-def _template() -> Template:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    for says in (words.length, words.significant, words.probability, words.percent, words.estimate, words.change):
-        environment.filters[says.__name__] = says
-    for says in (words.sentence, words.separation, words.side):
-        environment.globals[says.__name__] = says
-    environment.globals["verdicts"] = words.VERDICTS
-    return environment.get_template("diagnosis.html")

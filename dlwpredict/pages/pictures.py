@@ -15,12 +15,20 @@ from matplotlib.patches import Rectangle
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.plots import REFERENCE_LINE, TEST_LINE, difference_limit, drawn, show_difference, show_map
+from dlwpredict.plots import (
+    REFERENCE_LINE,
+    TEST_LINE,
+    THIRD_LINE,
+    difference_limit,
+    drawn,
+    show_difference,
+    show_map,
+)
 
 MISMATCH_COLOURS = "Purples"
-BASELINE_LINE = {"color": "#0072B2", "lw": 1.1, "ls": (0, (4, 2))}  # blue of Okabe and Ito
+BASELINE_LINE = THIRD_LINE
 STYLE = {"font.size": 8.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}
-MAP_INCHES, PROFILE_INCHES = (3.1, 2.3), (4.7, 3.5)
+MAP_INCHES, PROFILE_INCHES = (3.1, 2.44), (4.7, 3.5)
 
 MOST_PIXELS = 360_000
 """Pixels of all maps of a page together; at about four bytes each, the page stays below 3 MB."""
@@ -113,16 +121,16 @@ def _maps(pair: PairMaps, locations: Sequence[Mapping[str, Any]], pixels: int, n
         ]
     found = []
     for title, text, values in differences:
-        figure, axes = _axes(MAP_INCHES)
+        figure, axes = map_axes()
         show_difference(axes, coarser(pair.target, values, pixels), limit_um=limit)
         if title == "Residual":
             _cross(axes, pair)
-        found.append(Picture(_uri(figure), title, text))
-    figure, axes = _axes(MAP_INCHES)
+        found.append(Picture(uri(figure), title, text))
+    figure, axes = map_axes()
     certain = coarser(pair.target, np.where(unknown, np.nan, pair.mismatch), pixels)
     show_map(axes, certain, limits_um=(0, 1), colours=MISMATCH_COLOURS, label="mismatch")
     _frames(axes, locations)
-    found.insert(1, Picture(_uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"))
+    found.insert(1, Picture(uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"))
     return found
 
 
@@ -171,13 +179,14 @@ def _shares(fine: int, coarse: int) -> np.ndarray:
     return np.maximum(overlap, 0)
 
 
-def _axes(inches: tuple[float, float]) -> tuple[Figure, Axes]:
+def map_axes() -> tuple[Figure, Axes]:
     """Return axes at a fixed place, so that all maps stand alike beside each other."""
-    figure = Figure(figsize=inches)
-    return figure, figure.add_axes((0.17, 0.17, 0.55, 0.81))
+    figure = Figure(figsize=MAP_INCHES)
+    return figure, figure.add_axes((0.17, 0.16, 0.55, 0.76))
 
 
-def _uri(figure: Figure) -> str:
+def uri(figure: Figure) -> str:
+    """Return a figure as the address of a picture within the page."""
     return "data:image/svg+xml;base64," + base64.b64encode(drawn(figure, "svg", dpi=96)).decode("ascii")
 
 
@@ -225,4 +234,4 @@ def _profile(
         axes.grid(color="0.92", lw=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 0.98), borderaxespad=0, fontsize=7)
-    return Picture(_uri(figure), f"Profile {title}", "dashed: the worst place, as on the residual; spikes are cut")
+    return Picture(uri(figure), f"Profile {title}", "dashed: the worst place, as on the residual; spikes are cut")

@@ -1,0 +1,26 @@
+"""The templates of all pages: one look, one way to say numbers; what is inserted is shown, never obeyed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
+from dlwpredict.pages import words
+
+
+def template(name: str) -> Template:
+    """Return a template of this folder, with the words of `words` as filters and functions."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    for says in (words.length, words.significant, words.probability, words.percent, words.estimate, words.change):
+        environment.filters[says.__name__] = says
+    for says in (words.sentence, words.separation, words.side):
+        environment.globals[says.__name__] = says
+    environment.globals["verdicts"] = words.VERDICTS
+    return environment.get_template(name)
