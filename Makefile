@@ -31,7 +31,7 @@ $(VENV)/.installed: pyproject.toml
 	touch $@
 
 # -- jobs: demo, real prints, generations -----------------------------------------------------
-include configs/*.mk
+include $(filter-out configs/workflow.mk,$(wildcard configs/*.mk))  # workflow.mk is for a lab's own folder
 
 # -- the daily targets ------------------------------------------------------------------------
 .PHONY: demo test check format clean

@@ -1,0 +1,107 @@
+# From raw recordings to corrected parts, for a lab: copy this file as `Makefile` into an empty folder and type `make`.
+#
+#   targets/PART.*              what the print was to be: any height map that `dlwpredict convert` reads
+#   recordings/PART.*           its raw recording; PART--NOTE.* for a second print or a second recording of it
+#   written/PART--NOTE.tif      what was sent to the printer for that print, where it was not the target itself
+#                               (a corrected map of an earlier round: copy results/PART/corrected.tif here when you print it)
+#   settings.mk                 the settings below, where they differ
+#
+#   results/process.yaml        the process, learned from all recordings together; calibration.yaml its figures and warnings
+#   results/PART[--NOTE]/       recording.tif, aligned.tif and align.yaml, predicted.tif, score.json and score.png
+#   results/PART/               target.tif, corrected.tif and corrected.stl, of every target, recorded or not
+#   results/report.html         all of it on one page
+#
+# `make` redoes what depends on a changed file and nothing else; `make -j2` does two things at a time; `make -n` says what
+# would be done. Names hold no spaces, and their first dot starts the ending.
+
+-include settings.mk
+
+DLW ?= dlwpredict
+# The parameters to start from, and their bounds; empty: the paper's defaults.
+START ?=
+# Options for one step. A name after the step is for one file: CONVERT_lens--monday = --pitch-um 100nm
+CONVERT_TARGET ?=
+CONVERT ?=
+# --distortion rigid where the microscope's lateral scale can be trusted: a part that shrank must not be stretched to fit.
+ALIGN ?=
+CALIBRATE ?=
+CORRECT ?=
+EXPORT ?=
+# Recordings that are scored but do not teach the process.
+HOLD_OUT ?=
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := all
+.DELETE_ON_ERROR:
+export OPENBLAS_NUM_THREADS ?= 1
+
+spaced := $(shell find targets recordings written -name '* *' 2>/dev/null)
+$(if $(spaced),$(error names must not hold spaces: $(spaced)))
+
+# The name of a file; the file of a name, found in a folder; the part of a name.
+name = $(firstword $(subst ., ,$(notdir $(1))))
+found = $(filter $(1)/$(2).%,$(wildcard $(1)/$(2).*))
+part = $(firstword $(subst --, ,$(1)))
+
+PARTS := $(sort $(foreach f,$(wildcard targets/*.*),$(call name,$(f))))
+NAMES := $(sort $(foreach f,$(wildcard recordings/*.*),$(call name,$(f))))
+LEARNT := $(filter-out $(HOLD_OUT),$(NAMES))
+
+$(if $(PARTS),,$(error targets: no height map there; see the head of this file))
+$(if $(LEARNT),,$(error recordings: none to learn from; see the head of this file))
+$(foreach n,$(PARTS),$(if $(word 2,$(call found,targets,$(n))),$(error targets: $(n) stands there twice)))
+$(foreach n,$(NAMES),$(if $(word 2,$(call found,recordings,$(n))),$(error recordings: $(n) stands there twice)))
+$(foreach n,$(NAMES),$(if $(filter $(call part,$(n)),$(PARTS)),,$(error recordings: $(n) has no target $(call part,$(n)) in targets)))
+
+# What a recording shows: the map that was written, or the target.
+design = $(or $(call found,written,$(1)),results/$(call part,$(1))/target.tif)
+
+REPORT := $(shell $(DLW) report --help >/dev/null 2>&1 && echo results/report.html)
+
+.PHONY: all align calibrate correct clean
+all: align calibrate correct $(REPORT)
+align: $(foreach n,$(NAMES),results/$(n)/aligned.tif)
+calibrate: results/process.yaml $(foreach n,$(NAMES),results/$(n)/score.json)
+correct: $(foreach p,$(PARTS),results/$(p)/corrected.stl)
+clean:
+	rm -rf results
+
+# $(1) = PART
+define rules_of_part
+results/$(1)/target.tif: $(call found,targets,$(1))
+	@mkdir -p $$(@D)
+	$$(DLW) convert $$< $$@ $$(CONVERT_TARGET) $$(CONVERT_TARGET_$(1)) --overwrite
+
+results/$(1)/corrected.tif: results/$(1)/target.tif results/process.yaml
+	$$(DLW) precompensate $$< -p results/process.yaml -o $$@ --report $$(@D)/precompensation.yaml \
+	  $$(CORRECT) $$(CORRECT_$(1)) --overwrite
+
+results/$(1)/corrected.stl: results/$(1)/corrected.tif
+	$$(DLW) export-stl $$< -o $$@ $$(EXPORT) $$(EXPORT_$(1)) --overwrite
+endef
+$(foreach p,$(PARTS),$(eval $(call rules_of_part,$(p))))
+
+# $(1) = PART or PART--NOTE; it is aligned to the target, and compared with the prediction of what was written
+define rules_of_recording
+results/$(1)/recording.tif: $(call found,recordings,$(1))
+	@mkdir -p $$(@D)
+	$$(DLW) convert $$< $$@ $$(CONVERT) $$(CONVERT_$(1)) --overwrite
+
+results/$(1)/aligned.tif: results/$(1)/recording.tif results/$(call part,$(1))/target.tif
+	$$(DLW) align $$^ -o $$@ --report $$(@D)/align.yaml $$(ALIGN) $$(ALIGN_$(1)) --overwrite
+
+results/$(1)/predicted.tif: $(call design,$(1)) results/process.yaml
+	$$(DLW) predict $$< -p results/process.yaml -o $$@ --overwrite
+
+results/$(1)/score.json: results/$(1)/predicted.tif results/$(1)/aligned.tif
+	$$(DLW) score $$^ --part-only --json $$@ --plot $$(@D)/score.png --overwrite --quiet
+endef
+$(foreach n,$(NAMES),$(eval $(call rules_of_recording,$(n))))
+
+results/process.yaml: $(START) $(foreach n,$(LEARNT),$(call design,$(n)) results/$(n)/aligned.tif)
+	$(DLW) calibrate $(foreach n,$(LEARNT),--pair $(call design,$(n)) results/$(n)/aligned.tif) \
+	  $(if $(START),-p $(START)) -o $@ --report results/calibration.yaml $(CALIBRATE) --overwrite
+
+results/report.html: $(foreach n,$(NAMES),results/$(n)/score.json) $(foreach p,$(PARTS),results/$(p)/corrected.stl)
+	$(DLW) report results -o $@ --overwrite
