@@ -12,7 +12,14 @@ from dlwpredict.heightmap import HeightMap
 
 DX, DY = 0.1, 0.3
 WRITTEN = [ending for ending, this in formats().items() if this.write]
-RESOLUTION = {".png": 3.0 / 65535, ".gsf": 1e-6, ".tif": 0, ".tiff": 0, ".stl": 0}  # of heights up to 3 µm
+RESOLUTION = {
+    ".png": 3.0 / 65535,
+    ".gsf": 1e-6,
+    ".x3p": 1e-6,
+    ".tif": 0,
+    ".tiff": 0,
+    ".stl": 0,
+}  # of heights up to 3 µm
 
 
 def letter_f():
@@ -75,12 +82,13 @@ def test_tiff_and_text_keep_everything(tmp_path_factory, part):
 
 @given(part=maps())
 @settings(max_examples=40, deadline=None)
-def test_gsf_and_npy_keep_heights_and_missing_points(tmp_path_factory, part):
+def test_gsf_x3p_and_npy_keep_heights_and_missing_points(tmp_path_factory, part):
     folder = tmp_path_factory.mktemp("maps")
-    back = there_and_back(folder, ".gsf", part)
-    assert back.heights_um == pytest.approx(part.heights_um, rel=2e-7, abs=1e-30, nan_ok=True)
-    assert back.same_grid(part)
-    assert back.height_reference == part.height_reference
+    for ending in (".gsf", ".x3p"):
+        back = there_and_back(folder, ending, part)
+        assert back.heights_um == pytest.approx(part.heights_um, rel=2e-7, abs=1e-30, nan_ok=True)
+        assert back.same_grid(part)
+        assert back.height_reference == part.height_reference
     back = there_and_back(folder, ".npy", part, pitch_um=(part.dx_um, part.dy_um))
     assert np.array_equal(back.heights_um, part.heights_um, equal_nan=True)
 

@@ -27,6 +27,9 @@ def run(
     z_scale: options.ZScale = None,
     z_range: options.ZRange = None,
     fill: options.Fill = None,
+    channel: Annotated[
+        str | None, typer.Option("--channel", metavar="TITLE|NUMBER", help="Which channel, if IN has several.")
+    ] = None,
     plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
@@ -42,7 +45,9 @@ def run(
     with blaming(target):
         writer = format_of(target, "write")
     asked, knobs = _range_where_it_belongs(source, target, z_range)
-    height_map = read_height_map(source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked)
+    height_map = read_height_map(
+        source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked, channel=channel
+    )
     say(f"{source}: {height_map.summary()}")
     for warning in plausibility(height_map):
         warn(f"{source}: {warning}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import math
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap, HeightReference
 
 Pair = tuple[float, float]
+MOST_POINTS = 2**26  # 8192 x 8192
 UM_PER_UNIT = {"m": 1e6, "cm": 1e4, "mm": 1e3, "um": 1.0, "µm": 1.0, "micron": 1.0, "nm": 1e-3, "inch": 25400.0}
 
 
@@ -31,6 +33,18 @@ def um_per(unit: str, key: str) -> float:
     if name not in UM_PER_UNIT:
         raise InputError(f"found {unit!r}", key=key, allowed=f"allowed: {', '.join(UM_PER_UNIT)}")
     return UM_PER_UNIT[name]
+
+
+def require_size(*shape: int) -> None:
+    """Refuse what a file claims to hold before memory is taken for it.
+
+    >>> require_size(1_000_000, 1_000_000)
+    Traceback (most recent call last):
+    ...
+    dlwpredict.errors.InputError: shape: 1000000 x 1000000 points, at most 67108864 in all
+    """
+    if math.prod(shape) > MOST_POINTS:
+        raise InputError(f"{' x '.join(map(str, shape))} points", key="shape", allowed=f"at most {MOST_POINTS} in all")
 
 
 def float32(values: np.ndarray) -> np.ndarray:
