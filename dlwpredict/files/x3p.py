@@ -11,7 +11,6 @@ import zipfile
 from datetime import UTC, datetime
 from pathlib import Path
 
-import dlwpredict
 from dlwpredict.errors import InputError
 from dlwpredict.files.formats import Format, Pair, Stored, float32, unmarked
 from dlwpredict.files.key_lines import parse_lines, stored_facts
