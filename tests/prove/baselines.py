@@ -1,0 +1,166 @@
+"""What else one could do: seven parameters alone, a smooth discrepancy, stepwise BIC, and the true effect known.
+
+All are given the true noise, which the program has to find. Only predictions of the structure held out count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlwpredict.diagnose.around import Around
+from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
+from dlwpredict.diagnose.fit import Fit, fit, fit_from, placed
+from dlwpredict.diagnose.freeform import smooth_forms
+from dlwpredict.diagnose.select import freed
+from dlwpredict.effects import library
+from dlwpredict.flat import choose
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise import Noise
+from dlwpredict.parameters import ParameterSet, declarations
+from tests.prove.linear import whitened
+
+MOST_TERMS = 5
+"""Stepwise BIC is stopped here; it would go on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """A case as the baselines see it: what is given to the program, and the noise besides.
+
+    Parameters
+    ----------
+    data : list of Whitened
+    seven : Fit
+        The seven parameters, fitted by maximum likelihood.
+    """
+
+    data: list[Whitened]
+    seven: Fit
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[HeightMap, HeightMap]], start: ParameterSet, noise: dict) -> Bench:
+        """Fit the seven from a start."""
+        data = whitened(pairs, start, noise)
+        free = choose(start)
+        return cls(data, fit_from(data, free, free.start))
+
+    def oracle(self, effects: Sequence[dict]) -> Fit:
+        """Fit the effects that are there, in the library's form, from their true strengths."""
+        known = tuple(library()[e["name"]](**_declared(e)) for e in effects)
+        parameters = replace(self.seven.parameters, effects=known)
+        return fit(self.data, freed(parameters, self.seven.free))
+
+    def smooth(self) -> tuple[np.ndarray, Fit, float]:
+        """Fit a smooth discrepancy beside the seven: forms in x, y, height and edge distance that all recordings share.
+
+        Returns
+        -------
+        weights : numpy.ndarray, shape (forms,)
+        seven : Fit
+            At the parameters found beside them.
+        rmse_um : float
+            On the recordings.
+        """
+        forms = [smooth_forms(item.recording.target) for item in self.data]
+        white = stack([item.white(f) for item, f in zip(self.data, forms, strict=True)], prior_rows(len(self.data)))
+        matrix = np.column_stack([white, self.seven.jacobian, self.seven.nuisances])
+        found = np.linalg.lstsq(matrix, self.seven.residual, rcond=1e-9)[0]
+        weights, step = found[: white.shape[1]], found[white.shape[1] :][: self.seven.jacobian.shape[1]]
+        free = self.seven.free
+        moved = [_minus(item, np.tensordot(weights, f, axes=1)) for item, f in zip(self.data, forms, strict=True)]
+        beside = placed(moved, free, free.allowed(self.seven.point.vector + step))
+        return weights, beside, beside.rmse_um()
+
+    def stepwise(self) -> tuple[list[str], Fit]:
+        """Add effects while BIC falls, every pixel counted as independent; return their names and the fit with them."""
+        data, seven = self.data, self.seven
+        around = Around.of([item.recording for item in data], seven.free, seven.point)
+        used = [item.recording.used for item in data]
+        columns = np.stack([np.concatenate([m[u] for m, u in zip(maps, used, strict=True)])
+                            for maps in around.signatures_um], axis=1)  # fmt: skip
+        residual = np.concatenate([seven.residual_um(k)[u] for k, u in enumerate(used)])
+        base = _plain_basis(seven, used)
+        chosen, names = _forward(around.chosen, columns, residual, base)
+        effects = tuple(around.chosen[k].at(share) for k, share in chosen)
+        parameters = replace(seven.parameters, effects=effects)
+        white = [_independent(item, float(residual.std())) for item in data]
+        return names, fit(white, freed(parameters, seven.free)) if effects else seven
+
+
+def unseen_um(parameters: ParameterSet, target: HeightMap, clean: HeightMap, noise: dict) -> float:
+    """Return the error of a prediction on a structure kept from every fit, noise-free as the instrument shows it, µm.
+
+    Its levelling and registration are found as for any recording.
+    """
+    free = choose(parameters)
+    return placed(whitened([(target, clean)], parameters, noise), free, free.start).rmse_um()
+
+
+def unseen_smooth_um(weights: np.ndarray, seven: Fit, target: HeightMap, clean: HeightMap, noise: dict) -> float:
+    """Return the same for the seven with a smooth discrepancy, carried over by its forms, µm."""
+    item = _minus(
+        whitened([(target, clean)], seven.parameters, noise)[0], np.tensordot(weights, smooth_forms(target), axes=1)
+    )
+    free = choose(seven.parameters)
+    return placed([item], free, free.start).rmse_um()
+
+
+def _declared(entry: dict) -> dict:
+    """Return those of a press effect's settings that the library knows."""
+    known = declarations(library()[entry["name"]])
+    return {key: value for key, value in entry.items() if key in known}
+
+
+def _minus(item: Whitened, discrepancy_um: np.ndarray) -> Whitened:
+    """Return a recording with a discrepancy taken off."""
+    recording = item.recording
+    measured = recording.measured.with_heights(recording.measured.heights_um - discrepancy_um)
+    return replace(item, recording=replace(recording, measured=measured))
+
+
+def _independent(item: Whitened, sigma_um: float) -> Whitened:
+    """Return a recording whose pixels pass for independent."""
+    grid = item.recording.target
+    noise = Noise(sigma_um, 1e-3 * sigma_um, grid.dx_um, grid.dx_um, grid.dy_um)
+    return Whitened.of(item.recording, noise, item.discretisation_um)
+
+
+def _plain_basis(seven: Fit, used: Sequence[np.ndarray]) -> np.ndarray:
+    """Return an orthonormal basis of what the fit may move, in µm, shape (points, columns)."""
+    first, blocks, nuisances = 0, [], []
+    from scipy import sparse
+    from scipy.sparse.linalg import spsolve_triangular
+
+    for k, (item, mask) in enumerate(zip(seven.data, used, strict=True)):
+        rows = slice(first, first + int(mask.sum()))
+        blocks.append(spsolve_triangular(item.matrix, seven.jacobian[rows], lower=True))
+        nuisances.append(item.nuisance_maps(seven.point.traces[k].heights_um)[:, mask].T)
+        first = rows.stop
+    columns = np.column_stack([np.concatenate(blocks), sparse.block_diag(nuisances).toarray()])
+    left, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12), full_matrices=False)
+    return left[:, sizes > 1e-8]
+
+
+def _forward(candidates, columns: np.ndarray, residual: np.ndarray, base: np.ndarray):
+    """Add the column that lowers n ln(RSS/n) + k ln n most, one per effect, until none does."""
+    points, names, chosen = len(residual), [], []
+    left = residual - base @ (base.T @ residual)
+    while len(names) < MOST_TERMS:
+        free = columns - base @ (base.T @ columns)
+        sizes = np.linalg.norm(free, axis=0)
+        seen = (sizes > 1e-6 * np.linalg.norm(columns, axis=0).max()) & np.array(
+            [c.name not in names for c in candidates]
+        )
+        unit = free / np.where(seen, sizes, 1)
+        gains = np.where(seen, unit.T @ left, 0.0)
+        k = int(np.argmax(np.abs(gains)))
+        rest = left - gains[k] * unit[:, k]
+        if points * np.log((rest @ rest) / (left @ left)) + np.log(points) >= 0:
+            break
+        names.append(candidates[k].name)
+        chosen.append((k, float(np.clip(gains[k] / sizes[k], -3, 3))))
+        base, left = np.column_stack([base, unit[:, k]]), rest
+    return chosen, names

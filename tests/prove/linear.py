@@ -1,0 +1,95 @@
+"""What recordings could show at best: signatures beside everything that a fit may move, with the noise known.
+
+The only file of the proof, besides the baselines, that looks into the program under test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlwpredict.calibrate import prepare
+from dlwpredict.diagnose.baseline import discretisation_um
+from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
+from dlwpredict.diagnose.fit import Fit, bare, fit
+from dlwpredict.flat import choose
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise import Noise
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+
+LIMIT_Z = 5.0
+"""The detection limit: a signature that stands this many standard deviations beside the seven parameters, levelling
+and registration. About a hundred candidates at 2.5 % family-wise need 3.7; 1.28 more are found nine times in ten."""
+
+SMOOTHNESS = {"gaussian": (np.inf, np.sqrt(2)), "matern32": (1.5, 1.0), "exponential": (0.5, 1.0)}
+"""The microscope's kinds of correlation in the program's words: smoothness, and factor on the length."""
+
+
+def noise_model(noise: dict, grid: HeightMap) -> Noise:
+    """Return the true noise of a recording."""
+    smoothness, factor = SMOOTHNESS[noise["kind"]]
+    length = factor * noise["correlation_um"]
+    return Noise(noise["white_um"], noise["sigma_um"], length, grid.dx_um, grid.dy_um, smoothness)
+
+
+def parameters_of(process: dict) -> ParameterSet:
+    """Return the seven of a press, in the program's words."""
+    return ParameterSet(paper=Paper(**{name.replace("focus_", "exposure_"): value for name, value in process.items()}))
+
+
+def whitened(pairs: Sequence[tuple[HeightMap, HeightMap]], parameters: ParameterSet, noise: dict) -> list[Whitened]:
+    """Return recordings in whitened space, with the true noise."""
+    recordings = [bare(prepare(target, measured)) for target, measured in pairs]
+    return [Whitened.of(r, noise_model(noise, r.target), discretisation_um(r, parameters)) for r in recordings]
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What these structures can show under this process and noise, to first order.
+
+    Parameters
+    ----------
+    fit : Fit
+        At the true process, on recordings without noise.
+    """
+
+    fit: Fit
+
+    @classmethod
+    def of(cls, targets: Sequence[HeightMap], process: dict, noise: dict) -> Sight:
+        """Linearise about the truth."""
+        parameters = parameters_of(process)
+        pairs = [(target, predict(target, parameters)) for target in targets]
+        free = choose(parameters)
+        return cls(fit(whitened(pairs, parameters, noise), free, start=free.start, iterations=0))
+
+    def shares(self, changes: Sequence[np.ndarray]) -> dict[str, float]:
+        """Return what becomes of a change of the recordings (µm, shape (rows, cols) each).
+
+        Returns
+        -------
+        dict
+            `z`: its length beside everything, in standard deviations; `levelling`, `calibration`: shares of its energy
+            that levelling and registration, and then the seven parameters, take; `raw_um`, its rms on the part.
+        """
+        data = self.fit.data
+        pairs = list(zip(data, changes, strict=True))
+        column = stack([item.white(change) for item, change in pairs], prior_rows(len(data)))
+        whole = float(column @ column) or 1e-30
+        levelled = _beside(self.fit.nuisances, column)
+        left = _beside(self.fit.basis, column)
+        on_part = np.concatenate([change[item.recording.target.heights_um > 0] for item, change in pairs])
+        return {
+            "z": float(np.linalg.norm(left)),
+            "levelling": float(1 - levelled @ levelled / whole),
+            "calibration": float((levelled @ levelled - left @ left) / whole),
+            "raw_um": float(np.sqrt(np.mean(on_part**2))),
+        }
+
+
+def _beside(basis: np.ndarray, column: np.ndarray) -> np.ndarray:
+    left = column - basis @ (basis.T @ column)
+    return left - basis @ (basis.T @ left)
