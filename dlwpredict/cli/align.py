@@ -12,11 +12,14 @@ from dlwpredict.align import Alignment, align
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import Output, Overwrite, check_outputs
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
 
 COMMAND = "align"
+STREAMS = {"report": ".yaml"}
+FIGURES = True
 
 
 def run(
@@ -39,7 +42,7 @@ def run(
 ) -> None:
     """Find the target in a recording, resample it onto the target's grid and level it.
 
-    Example: dlwpredict align recording.tif target.tif -o aligned.tif --report align.yaml
+    $ dlwpredict align recording.tif target.tif -o aligned.tif --report align.yaml
     """
     check_outputs(output, report, plot, overwrite=overwrite)
     check_plot(plot)
@@ -66,6 +69,7 @@ def run(
     if found.aligned.height_reference == "relative":
         warn(f"{output}: no substrate in view, heights are relative")
     say(f"{output}: {_line(found)}")
+    tell(found.as_dict())
     detail(f"distortion: {found.distortion}; tests: {found.distortion_test}; quality: {found.quality}")
 
 

@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 import dlwpredict
 from dlwpredict.cli.console import with_verbosity
 from dlwpredict.cli.options import joined_pairs
+from dlwpredict.cli.streams import with_streams
 from dlwpredict.errors import InputError
 from dlwpredict.files.provenance import running
 
@@ -82,13 +83,13 @@ def _program(
 def _register() -> None:
     """Add every module of this package: COMMAND and `run`, or COMMAND and a `group` of sub-commands, per file."""
     for found in pkgutil.iter_modules(sys.modules[__package__].__path__):
-        if found.name not in ("app", "console", "options", "plotting"):
-            module = importlib.import_module(f"{__package__}.{found.name}")
-            if hasattr(module, "group"):
-                app.add_typer(module.group, name=module.COMMAND)
-            else:
-                kind = getattr(module, "CLASS", TyperCommand)
-                app.command(module.COMMAND, cls=kind)(with_verbosity(module.run))
+        module = importlib.import_module(f"{__package__}.{found.name}") if found.name != "app" else None
+        if hasattr(module, "group"):
+            app.add_typer(module.group, name=module.COMMAND)
+        elif hasattr(module, "COMMAND"):
+            kind, streams = getattr(module, "CLASS", TyperCommand), getattr(module, "STREAMS", None)
+            run = with_streams(module.run, streams=streams, figures=getattr(module, "FIGURES", False))
+            app.command(module.COMMAND, cls=kind)(with_verbosity(run))
 
 
 _register()

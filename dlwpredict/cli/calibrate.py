@@ -19,6 +19,7 @@ from dlwpredict.calibrate.report import report_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
@@ -30,6 +31,8 @@ from dlwpredict.heightmap import HeightMap
 
 COMMAND = "calibrate"
 CLASS = options.PairCommand
+STREAMS = {"output": ".yaml", "report": ".yaml"}
+FIGURES = True
 
 
 class Method(StrEnum):
@@ -120,7 +123,8 @@ def run(
 
         errors = f"rmse {found.start.rmse_um:.4f} → {found.point.rmse_um:.4f} µm"
         plots.save(plot, plots.calibration(_rows(found), caption=errors))
-    _tell(output, found)
+    _say(output, found)
+    tell(report_of(found))
 
 
 def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]]:
@@ -196,7 +200,7 @@ def _rescued(output: Path, free: Free) -> Iterator[Callable[[Point], None]]:
         raise ResultError("interrupted", where=output, allowed=f"best so far is in {partial}") from None
 
 
-def _tell(output: Path, found: Calibration) -> None:
+def _say(output: Path, found: Calibration) -> None:
     say(
         f"{output}: rmse {found.start.rmse_um:.4f} -> {found.point.rmse_um:.4f} µm "
         f"(left-out blocks {found.holdout.rmse_um:.4f} µm), {found.work['fit']:.0f} predictions' worth of work"

@@ -10,6 +10,7 @@ import typer
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import format_of
@@ -17,6 +18,8 @@ from dlwpredict.files.plausibility import plausibility
 from dlwpredict.missing import fill_missing
 
 COMMAND = "convert"
+STREAMS = {"target": ".txt", "output": ".txt"}
+FIGURES = True
 
 
 def run(
@@ -55,6 +58,7 @@ def run(
         height_map = fill_missing(height_map, fill)
     remarks = write_height_map(target, height_map, **knobs)
     say(f"{target}: {writer.name} written")
+    tell(figures_of(height_map))
     if plot is not None:
         from dlwpredict import plots
 

@@ -12,6 +12,7 @@ import typer
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn, with_verbosity
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.streams import figures_of, tell, with_streams
 from dlwpredict.designs import KINDS, options_of
 from dlwpredict.errors import blaming
 from dlwpredict.files import write_height_map
@@ -46,6 +47,7 @@ def command(kind: str) -> Callable[..., None]:
                 f"size and margin rounded to whole pixels: field {width:.6g} x {depth:.6g} µm instead of {asked:.6g} µm"
             )
         say(f"{output}: {kind}, {target.summary()}")
+        tell(figures_of(target))
 
     declared = options_of(make)
     given = inspect.signature(make).parameters.values()
@@ -66,10 +68,12 @@ def as_option(option: inspect.Parameter, declaration: Declaration) -> object:
     unit = "" if declaration.unit == "1" else f" {declaration.unit}"
     allowed = f" ({declaration.low:.10g} to {declaration.high:.10g}{unit})" if kind_of_value is not bool else ""
     flag = f"--{option.name.replace('_', '-')}"
-    return Annotated[
-        kind_of_value, typer.Option(flag, help=f"{declaration.meaning[0].upper()}{declaration.meaning[1:]}{allowed}.")
-    ]
+    length = options.LENGTH if kind_of_value is float and unit == " µm" else {}
+    meaning = f"{declaration.meaning[0].upper()}{declaration.meaning[1:]}{allowed}."
+    return Annotated[kind_of_value, typer.Option(flag, help=meaning, **length)]
 
 
 for _kind in KINDS:
-    group.command(_kind, short_help=KINDS[_kind].meaning)(with_verbosity(command(_kind)))
+    group.command(_kind, short_help=KINDS[_kind].meaning)(
+        with_verbosity(with_streams(command(_kind), streams={"output": ".txt"}, figures=True))
+    )

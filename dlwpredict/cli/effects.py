@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Annotated
+from dataclasses import asdict
+from typing import Annotated, Any
 
 import typer
 
 from dlwpredict.cli.console import say
+from dlwpredict.cli.streams import tell
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
 from dlwpredict.errors import InputError
@@ -15,6 +17,7 @@ from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.parameters import Declaration, declarations
 
 COMMAND = "effects"
+FIGURES = True
 WIDTH = 110
 
 
@@ -32,6 +35,7 @@ def run(
     if name is not None and name not in known:
         raise InputError(f"found {name}", key="NAME", allowed=f"allowed: {', '.join(known)}")
     chosen = list(known.values()) if name is None else [known[name]]
+    tell({kind.name: known_of(kind) for kind in chosen})
     if yaml:
         say(yaml_text({"effects": [example(kind) for kind in chosen]}).rstrip())
     else:
@@ -42,6 +46,17 @@ def example(kind: type[Effect]) -> dict[str, float | str]:
     """Return an entry for a parameter file: switched on at typical sizes, everything else at its default."""
     values = {name: default for name, (default, _) in _parameters(kind)} | kind.switches()
     return {"name": kind.name, **{name: float(value) for name, value in values.items()}}
+
+
+def known_of(kind: type[Effect]) -> dict[str, Any]:
+    """Return what is declared of an effect."""
+    return {
+        "side": kind.side,
+        "stage": kind.stage,
+        "frame": kind.frame,
+        "meaning": kind.meaning,
+        "parameters": {name: {"default": default, **asdict(known)} for name, (default, known) in _parameters(kind)},
+    }
 
 
 def overview(kinds: list[type[Effect]]) -> str:

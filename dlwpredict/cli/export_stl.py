@@ -9,6 +9,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
+from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import replacing
@@ -17,15 +18,20 @@ from dlwpredict.mesh import solid_of
 from dlwpredict.missing import fill_missing
 
 COMMAND = "export-stl"
+FIGURES = True
 
 
 def run(
     height_map: Annotated[Path, typer.Argument(help="Height map, z = 0 on the substrate.", show_default=False)],
     output: options.Output,
     fill: options.Fill = None,
-    base_um: Annotated[float, typer.Option("--base-um", help="Thickness of a plate under the whole map.")] = 0.0,
+    base_um: Annotated[
+        float,
+        typer.Option("--base-um", help="Thickness of a plate under the whole map.", **options.LENGTH),
+    ] = 0.0,
     min_thickness_um: Annotated[
-        float, typer.Option("--min-thickness-um", help="What stands is at least this high: one slice.")
+        float,
+        typer.Option("--min-thickness-um", help="What stands is at least this high: one slice.", **options.LENGTH),
     ] = 0.1,
     pitch_um: options.PitchUm = None,
     z_scale: options.ZScale = None,
@@ -48,6 +54,17 @@ def run(
     for remark in solid.remarks:
         warn(f"{height_map}: {remark}")
     (x0, y0, _), (x1, y1, top) = solid.vertices_um.min(axis=0), solid.vertices_um.max(axis=0)
+    tell(
+        {
+            "triangles": len(solid.faces),
+            "x_um": (x0, x1),
+            "y_um": (y0, y1),
+            "z_um": (0.0, top),
+            "volume_um3": solid.volume_um3,
+            "lifted_points": solid.lifted_points,
+            "largest_lift_um": solid.largest_lift_um,
+        }
+    )
     say(
         f"{output}: watertight, {len(solid.faces)} triangles, x {x0:.5g} to {x1:.5g}, y {y0:.5g} to {y1:.5g}, "
         f"z 0 to {top:.4g} µm, volume {solid.volume_um3:.6g} µm³"

@@ -10,6 +10,25 @@ import typer
 from typer.core import TyperCommand
 
 from dlwpredict.errors import InputError
+from dlwpredict.files.formats import um_per
+
+_LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(nm|um|µm|μm|mm)?")
+
+
+def length_um(text: str | float) -> float:
+    """Return a length in µm: a number of µm, or a number with nm, um, µm, mm right after it.
+
+    >>> length_um("0.25"), length_um("100nm"), length_um("1.5mm"), length_um(50.0)
+    (0.25, 0.1, 1500.0, 50.0)
+    """
+    if not isinstance(text, str):
+        return float(text)
+    found = _LENGTH.fullmatch(text)
+    return float(f"{float(found[1]) * um_per(found[2], 'length'):.15g}") if found and found[2] else float(text)
+
+
+LENGTH = {"parser": length_um, "metavar": "LENGTH"}
+"""What makes an option of typer take a length: 0.1 or 100nm."""
 
 Output = Annotated[Path, typer.Option("-o", "--output", help="Main output file.", show_default=False)]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
@@ -20,7 +39,7 @@ Parameters = Annotated[
 Seed = Annotated[int, typer.Option("--seed", help="Seed of all randomness.")]
 PitchUm = Annotated[
     str | None,
-    typer.Option("--pitch-um", metavar="DX [DY]", help="Pixel pitch in µm; wins over what the file says."),
+    typer.Option("--pitch-um", metavar="DX [DY]", help="Pixel pitch in µm, or 100nm; wins over what the file says."),
 ]
 ZScale = Annotated[
     float | None,
@@ -35,7 +54,6 @@ Fill = Annotated[
     typer.Option("--fill", metavar="zero|nearest|UM", help="What to put where nothing was measured (NaN)."),
 ]
 
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 Pairs = Annotated[
     list[Path],
@@ -129,7 +147,7 @@ def joined_pairs(arguments: list[str]) -> list[str]:
     """
     joined: list[str] = []
     for argument in arguments:
-        if joined[-2:-1] == ["--pitch-um"] and all(_NUMBER.fullmatch(text) for text in (joined[-1], argument)):
+        if joined[-2:-1] == ["--pitch-um"] and all(_LENGTH.fullmatch(text) for text in (joined[-1], argument)):
             joined[-1] += f",{argument}"
         else:
             joined.append(argument)
@@ -139,12 +157,13 @@ def joined_pairs(arguments: list[str]) -> list[str]:
 def pitch(text: str | None) -> tuple[float, ...] | None:
     """Return the numbers of ``--pitch-um``; the reader checks their size.
 
-    >>> pitch("0.1"), pitch("0.1,0.2"), pitch(None)
+    >>> pitch("0.1"), pitch("100nm,0.2"), pitch(None)
     ((0.1,), (0.1, 0.2), None)
     """
     if text is None:
         return None
     try:
-        return tuple(float(number) for number in re.split(r"[,\s]+", text.strip()))
+        return tuple(length_um(number) for number in re.split(r"[,\s]+", text.strip()))
     except ValueError:
-        raise InputError(f"found {text}", key="--pitch-um", allowed="allowed: one or two numbers of µm") from None
+        allowed = "allowed: one or two numbers of µm, or with nm, um, mm"
+        raise InputError(f"found {text}", key="--pitch-um", allowed=allowed) from None

@@ -13,6 +13,7 @@ import typer
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
@@ -24,6 +25,8 @@ from dlwpredict.precompensate import Limits, Precompensation, precompensate
 from dlwpredict.process import predict
 
 COMMAND = "precompensate"
+STREAMS = {"report": ".yaml"}
+FIGURES = True
 
 
 class Loop(StrEnum):
@@ -49,10 +52,15 @@ def run(
         Path | None, typer.Option(help="Map of the height missing where no correction reaches, µm.")
     ] = None,
     method: Annotated[Loop, typer.Option(help="Accelerated loop, or the paper's plain one.")] = Loop.accelerated,
-    maximum_um: Annotated[float, typer.Option(help="Highest height that may be written, µm.")] = np.inf,
+    maximum_um: Annotated[
+        float, typer.Option(help="Highest height that may be written, µm.", **options.LENGTH)
+    ] = np.inf,
     slicing_um: Annotated[
         float | None,
-        typer.Option(help="Round to multiples of this; the parameter file's slicing if absent, 0 = no rounding."),
+        typer.Option(
+            help="Round to multiples of this; the parameter file's slicing if absent, 0 = no rounding.",
+            **options.LENGTH,
+        ),
     ] = None,
     predictions: Annotated[int, typer.Option(help="Predictions allowed in the search.", min=2)] = 10,
     undecided: Annotated[
@@ -105,6 +113,7 @@ def run(
 
         errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
         plots.save(plot, plots.correction(part, found.corrected, found.predicted, caption=f"rmse {errors} µm"))
+    tell(figures)
     reached, missed = figures["reachable"], figures["unreachable"]
     say(
         f"{output}: rmse {figures['rmse_um']['before']:.4f} -> {figures['rmse_um']['after']:.4f} µm in "

@@ -11,6 +11,7 @@ import typer
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
@@ -19,6 +20,7 @@ from dlwpredict.model.voxels import Voxels
 from dlwpredict.process import predict
 
 COMMAND = "predict"
+FIGURES = True
 
 
 class Method(StrEnum):
@@ -34,7 +36,8 @@ def run(
     parameters: options.Parameters = None,
     method: Annotated[Method, typer.Option(help="Smooth levels, or the paper's voxels.")] = Method.fast,
     slice_um: Annotated[
-        float | None, typer.Option(help="Height of a voxel; the slicing of the parameter file, or 0.1.")
+        float | None,
+        typer.Option(help="Height of a voxel; the slicing of the parameter file, or 0.1.", **options.LENGTH),
     ] = None,
     memory_mb: Annotated[float, typer.Option(help="Memory for the stacks of the voxel method.", min=10)] = 600.0,
     as_measured: Annotated[
@@ -68,3 +71,4 @@ def run(
 
         plots.save(plot, plots.comparison(part, printed, names=("target", "prediction")))
     say(f"{output}: {printed.summary()}")
+    tell(figures_of(printed))

@@ -19,6 +19,7 @@ from dlwpredict.score import MATERIAL_RATIO_RANGE, Score, score
 from dlwpredict.transfer import HALF, Transfer, transfer
 
 COMMAND = "score"
+STREAMS = {"json_file": ".json"}
 
 
 def run(

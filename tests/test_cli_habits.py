@@ -1,0 +1,154 @@
+"""What holds for every command: lengths with units, standard output, figures as JSON, no colour unasked."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from dlwpredict.cli import app
+from dlwpredict.designs import cin
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.heightmap import HeightMap
+
+PROGRAM = Path(sys.executable).with_name("dlwpredict")
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(word) for word in arguments])
+
+
+@pytest.fixture
+def part(tmp_path):
+    write_height_map(tmp_path / "part.tif", cin(size_um=20, pitch_um=0.5, margin_um=4))
+    return tmp_path / "part.tif"
+
+
+@pytest.mark.parametrize("pitch", [["100nm", "0.2"], ["0.1", "200nm"], ["0.0001mm,0.2um"], ["100nm", "0.2µm"]])
+def test_a_pitch_may_be_given_in_nm(tmp_path, part, pitch):
+    assert run("convert", part, tmp_path / "a.tif", "--pitch-um", *pitch).exit_code == 0
+    found = read_height_map(tmp_path / "a.tif")
+    assert (found.dx_um, found.dy_um) == (0.1, 0.2)
+    assert run("design", "lens", "-o", tmp_path / "b.tif", "--size-um", "20", "--pitch-um", "250nm").exit_code == 0
+    assert read_height_map(tmp_path / "b.tif").dx_um == 0.25
+
+
+@pytest.mark.parametrize("wrong", ["100 nm", "100pm", "nm", "0.1 0.2 0.3", "1e"])
+def test_other_units_are_refused(tmp_path, part, wrong):
+    result = run("convert", part, tmp_path / "a.tif", f"--pitch-um={wrong}")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert "--pitch-um: found" in result.stderr
+    assert run("design", "lens", "-o", tmp_path / "b.tif", "--size-um", wrong).exit_code == 2
+
+
+def test_text_goes_to_standard_output_and_words_to_standard_error(tmp_path, part):
+    result = run("convert", part, "-")
+    assert result.exit_code == 0, result.output
+    (tmp_path / "a.txt").write_text(result.stdout)
+    assert read_height_map(tmp_path / "a.txt").same_grid(read_height_map(part))
+    assert "standard output: " in result.stderr
+    result = run("score", part, part, "--json", "-")
+    assert json.loads(result.stdout)["rmse_um"] == 0
+    assert "rmse" in result.stderr
+    result = run("precompensate", part, "-o", tmp_path / "c.tif", "--report", "-", "--predictions", "2")
+    assert yaml.safe_load(result.stdout)["rmse_um"]["after"] < 1
+    assert sorted(path.name for path in tmp_path.glob("*.tif")) == ["c.tif", "part.tif"]
+
+
+def test_what_is_no_text_needs_a_file(tmp_path, part, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for words, key in [
+        (("predict", part, "-o", "-"), "output"),
+        (("export-stl", part, "-o", "-"), "output"),
+        (("convert", "-", "a.tif"), "source"),
+        (("align", part, part, "-o", "a.tif", "--report", "-", "--json", "-"), "json-file"),
+    ]:
+        result = run(*words)
+        assert (result.exit_code, result.stdout) == (1, "")
+        assert result.stderr.startswith(f"error: {key}: found -")
+    assert list(tmp_path.iterdir()) == [part]
+
+
+def test_figures_as_json(tmp_path, part):
+    solid = json.loads(run("export-stl", part, "-o", tmp_path / "a.stl", "--json", "-").stdout)
+    assert solid["volume_um3"] == pytest.approx(read_height_map(part).heights_um.sum() * 0.25, rel=0.02)
+    assert run("predict", part, "-o", tmp_path / "b.tif", "--json", tmp_path / "b.json").exit_code == 0
+    found = json.loads((tmp_path / "b.json").read_text())
+    printed = read_height_map(tmp_path / "b.tif")
+    assert found["z_um"] == pytest.approx([printed.heights_um.min(), printed.heights_um.max()], rel=1e-6)
+    assert (found["rows"], found["pitch_um"], found["missing_fraction"]) == (56, [0.5, 0.5], 0)
+    assert found["provenance"]["inputs"].keys() == {str(part)}
+    known = json.loads(run("effects", "vignetting", "--json", "-").stdout)
+    assert known["vignetting"]["parameters"]["strength"]["default"] == 0
+
+
+def test_a_json_file_is_an_output_like_any_other(tmp_path, part):
+    (tmp_path / "a.json").write_text("old")
+    refused = run("predict", part, "-o", tmp_path / "b.tif", "--json", tmp_path / "a.json")
+    assert "exists already" in refused.stderr
+    assert not (tmp_path / "b.tif").exists()
+    assert "named twice" in run("predict", part, "-o", tmp_path / "b.tif", "--json", tmp_path / "b.tif").stderr
+
+
+def test_what_is_not_finite_is_null(tmp_path):
+    heights = np.ones((64, 64))
+    heights[0, 0] = np.nan
+    write_height_map(tmp_path / "a.tif", HeightMap(heights, 0.5, 0.5))
+    assert json.loads(run("convert", tmp_path / "a.tif", "-o", tmp_path / "b.tif", "--json", "-").stdout)["rows"] == 64
+
+
+SAYS_NO_FIGURES = {"batch", "report", "verify", "diagnose"}  # diagnose: the diagnosis is a file of figures already
+
+
+def test_every_command_that_says_figures_has_json():
+    program = get_command(app)
+    commands = {
+        name: command for name, command in program.commands.items() if name not in SAYS_NO_FIGURES and name != "design"
+    }
+    commands |= program.commands["design"].commands
+    missing = [
+        name
+        for name, command in commands.items()
+        if not any("--json" in getattr(option, "opts", ()) for option in command.params)
+    ]
+    assert missing == []
+
+
+COLOUR = re.compile(rb"\x1b\[[0-9;]*(3[0-79]|4[0-79]|9[0-7]|10[0-7])[0-9;]*m")
+
+
+def shown(arguments, terminal, **environment):
+    """Return everything that the program writes, on a terminal or through a pipe."""
+    known = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "FORCE_COLOR", "PY_COLORS")}
+    known |= {"TERM": "xterm-256color", **environment}
+    if not terminal:
+        return subprocess.run([PROGRAM, *arguments], env=known, capture_output=True).stdout
+    import pty
+
+    ours, theirs = pty.openpty()
+    with subprocess.Popen([PROGRAM, *arguments], env=known, stdin=theirs, stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        text = b""
+        try:
+            while piece := os.read(ours, 65536):
+                text += piece
+        except OSError:  # the other end is closed
+            pass
+        process.wait()
+    os.close(ours)
+    return text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminal")
+@pytest.mark.parametrize("arguments", [["score", "--help"], ["predict", "absent.tif"]])
+def test_colour_on_a_terminal_only_and_not_with_no_color(arguments):
+    assert COLOUR.search(shown(arguments, terminal=True))
+    assert not COLOUR.search(shown(arguments, terminal=True, NO_COLOR="1"))
+    assert b"\x1b" not in shown(arguments, terminal=False)
