@@ -39,13 +39,14 @@ export OPENBLAS_NUM_THREADS ?= 1
 spaced := $(shell find targets recordings written -name '* *' 2>/dev/null)
 $(if $(spaced),$(error names must not hold spaces: $(spaced)))
 
-# The name of a file; the file of a name, found in a folder; the part of a name.
+# Height maps of a folder; the name of a file; the file of a name in a folder; the part of a name.
+maps = $(filter-out %.provenance.yaml %.md,$(wildcard $(1)/*.*))
 name = $(firstword $(subst ., ,$(notdir $(1))))
-found = $(filter $(1)/$(2).%,$(wildcard $(1)/$(2).*))
+found = $(filter $(1)/$(2).%,$(call maps,$(1)))
 part = $(firstword $(subst --, ,$(1)))
 
-PARTS := $(sort $(foreach f,$(wildcard targets/*.*),$(call name,$(f))))
-NAMES := $(sort $(foreach f,$(wildcard recordings/*.*),$(call name,$(f))))
+PARTS := $(sort $(foreach f,$(call maps,targets),$(call name,$(f))))
+NAMES := $(sort $(foreach f,$(call maps,recordings),$(call name,$(f))))
 LEARNT := $(filter-out $(HOLD_OUT),$(NAMES))
 
 $(if $(PARTS),,$(error targets: no height map there; see the head of this file))

@@ -64,6 +64,7 @@ def lab(tmp_path_factory):
     }
     for name, part in parts.items():
         write_height_map(folder / "targets" / f"{name}.tif", part)
+        (folder / "targets" / f"{name}.tif.provenance.yaml").write_text("step: design\n")  # as `design` leaves it
     second = replace(parts["air"], heights_um=1.1 * parts["air"].heights_um)
     write_height_map(folder / "written" / "air--second.tif", second)
     generator = np.random.default_rng(1)
