@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
@@ -22,8 +24,14 @@ from dlwpredict.noise import Noise
 from dlwpredict.parameters import ParameterSet, declarations
 from tests.prove.linear import whitened
 
-MOST_TERMS = 5
-"""Stepwise BIC is stopped here; it would go on."""
+MOST_TERMS = 3
+"""Stepwise BIC is stopped here, as the program is; it would go on."""
+
+DISCREPANCY_UM = 0.03
+"""Standard deviation of the prior of every weight of the smooth discrepancy."""
+
+STEPS = 4
+"""Steps of the fit with its terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,26 +61,24 @@ class Bench:
         parameters = replace(self.seven.parameters, effects=known)
         return fit(self.data, freed(parameters, self.seven.free))
 
-    def smooth(self) -> tuple[np.ndarray, Fit, float]:
-        """Fit a smooth discrepancy beside the seven: forms in x, y, height and edge distance that all recordings share.
+    def smooth(self) -> tuple[np.ndarray, float]:
+        """Fit a smooth discrepancy to what the seven leave: forms in x, y, height and edge distance, one set for all.
 
         Returns
         -------
         weights : numpy.ndarray, shape (forms,)
-        seven : Fit
-            At the parameters found beside them.
+            µm.
         rmse_um : float
             On the recordings.
         """
         forms = [smooth_forms(item.recording.target) for item in self.data]
         white = stack([item.white(f) for item, f in zip(self.data, forms, strict=True)], prior_rows(len(self.data)))
-        matrix = np.column_stack([white, self.seven.jacobian, self.seven.nuisances])
-        found = np.linalg.lstsq(matrix, self.seven.residual, rcond=1e-9)[0]
-        weights, step = found[: white.shape[1]], found[white.shape[1] :][: self.seven.jacobian.shape[1]]
-        free = self.seven.free
+        beside = white - self.seven.nuisances @ (self.seven.nuisances.T @ white)
+        prior = np.eye(white.shape[1]) / DISCREPANCY_UM
+        goal = np.concatenate([self.seven.residual, np.zeros(len(prior))])
+        weights = np.linalg.lstsq(np.concatenate([beside, prior]), goal, rcond=None)[0]
         moved = [_minus(item, np.tensordot(weights, f, axes=1)) for item, f in zip(self.data, forms, strict=True)]
-        beside = placed(moved, free, free.allowed(self.seven.point.vector + step))
-        return weights, beside, beside.rmse_um()
+        return weights, placed(moved, self.seven.free, self.seven.point.vector).rmse_um()
 
     def stepwise(self) -> tuple[list[str], Fit]:
         """Add effects while BIC falls, every pixel counted as independent; return their names and the fit with them."""
@@ -87,7 +93,7 @@ class Bench:
         effects = tuple(around.chosen[k].at(share) for k, share in chosen)
         parameters = replace(seven.parameters, effects=effects)
         white = [_independent(item, float(residual.std())) for item in data]
-        return names, fit(white, freed(parameters, seven.free)) if effects else seven
+        return names, fit(white, freed(parameters, seven.free), iterations=STEPS) if effects else seven
 
 
 def unseen_um(parameters: ParameterSet, target: HeightMap, clean: HeightMap, noise: dict) -> float:
@@ -101,11 +107,8 @@ def unseen_um(parameters: ParameterSet, target: HeightMap, clean: HeightMap, noi
 
 def unseen_smooth_um(weights: np.ndarray, seven: Fit, target: HeightMap, clean: HeightMap, noise: dict) -> float:
     """Return the same for the seven with a smooth discrepancy, carried over by its forms, µm."""
-    item = _minus(
-        whitened([(target, clean)], seven.parameters, noise)[0], np.tensordot(weights, smooth_forms(target), axes=1)
-    )
-    free = choose(seven.parameters)
-    return placed([item], free, free.start).rmse_um()
+    discrepancy = np.tensordot(weights, smooth_forms(target), axes=1)
+    return unseen_um(seven.parameters, target, clean.with_heights(clean.heights_um - discrepancy), noise)
 
 
 def _declared(entry: dict) -> dict:
@@ -131,9 +134,6 @@ def _independent(item: Whitened, sigma_um: float) -> Whitened:
 def _plain_basis(seven: Fit, used: Sequence[np.ndarray]) -> np.ndarray:
     """Return an orthonormal basis of what the fit may move, in µm, shape (points, columns)."""
     first, blocks, nuisances = 0, [], []
-    from scipy import sparse
-    from scipy.sparse.linalg import spsolve_triangular
-
     for k, (item, mask) in enumerate(zip(seven.data, used, strict=True)):
         rows = slice(first, first + int(mask.sum()))
         blocks.append(spsolve_triangular(item.matrix, seven.jacobian[rows], lower=True))

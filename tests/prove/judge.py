@@ -17,6 +17,7 @@ from tests.prove.baselines import Bench, unseen_smooth_um, unseen_um
 from tests.prove.hidden import LOCAL, OUTSIDE
 from tests.prove.linear import parameters_of
 from tests.prove.sealed import Folder, read
+from tests.prove.structures import PITCH_UM, PIXELS
 
 NEAR_THE_NOISE = 1.5
 """An effect below this multiple of its detection limit is near the noise."""
@@ -168,8 +169,6 @@ def _place(effects: list, locations: list) -> bool | None:
     if not locations:
         return False
     box, entry = locations[0], local[0]
-    from tests.prove.structures import PITCH_UM, PIXELS
-
     area = np.ptp(box["x_um"]) * np.ptp(box["y_um"]) / (PIXELS * PITCH_UM) ** 2
     inside = all(box[axis][0] - NEAR_UM <= entry[axis] <= box[axis][1] + NEAR_UM for axis in ("x_um", "y_um"))
     return bool(inside and area <= SMALL)
@@ -198,11 +197,11 @@ def baselines(place: Folder, name: str, truth: Mapping, answer: Mapping) -> dict
         error = unseen_um(fitted.parameters, target, clean, noise)
         return {"rmse_um": fitted.rmse_um(), "unseen_um": error, **more}
 
-    weights, beside, rmse_um = bench.smooth()
+    weights, rmse_um = bench.smooth()
     names, stepwise = bench.stepwise()
     found = {
         "seven": of(bench.seven),
-        "smooth": {"rmse_um": rmse_um, "unseen_um": unseen_smooth_um(weights, beside, target, clean, noise)},
+        "smooth": {"rmse_um": rmse_um, "unseen_um": unseen_smooth_um(weights, bench.seven, target, clean, noise)},
         "stepwise": of(stepwise, names=names),
     }
     entries = [e["entry"] for e in truth["effects"]]

@@ -1,0 +1,126 @@
+"""Prove the diagnosis on concealed effects: seal, ask, open, judge, publish.
+
+python -m tests.prove RUN_DIR --seed final --report sample_data/proof     what `make prove` does
+python -m tests.prove RUN_DIR --quick                                      what `make prove-quick` does
+
+Everything is kept in RUN_DIR case by case, so that an interrupted run goes on where it stopped; answers of another
+state of the program are asked for again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from dlwpredict.files.atomic import write_text
+from tests.prove.answer import ask, code_sha256
+from tests.prove.judge import judged
+from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, QUICK, listed
+from tests.prove.page import publish
+from tests.prove.sealed import seal, seals
+
+SEEDS = {"development": DEVELOPMENT_SEED, "final": FINAL_SEED}
+
+EVERY, EVERY_QUICK = 6, 3
+"""The baselines are computed for every so manieth case of each kind."""
+
+MAKERS = ("press", "prove/mix.py", "prove/hidden.py", "prove/sealed.py", "prove/structures.py", "prove/linear.py")
+"""Files that decide what a case is."""
+
+
+def makers_sha256() -> str:
+    """Return the SHA-256 of everything that makes the cases."""
+    root, digest = Path(__file__).parent.parent, hashlib.sha256()
+    for part in MAKERS:
+        path = root / part
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def told(what: str, work: Callable, jobs: Iterable[Sequence], pool: Executor) -> list:
+    """Do jobs two at a time and tell how far they are."""
+    jobs, started, done = list(jobs), time.monotonic(), []
+    for result in pool.map(work, *zip(*jobs, strict=True)):
+        done.append(result)
+        print(f"\r{what}: {len(done)} of {len(jobs)}, {time.monotonic() - started:.0f} s ", end="", flush=True)
+    print()
+    return done
+
+
+def sealed(folder: Path, seed: int, jobs: Sequence[tuple[str, int]], pool: Executor) -> dict:
+    """Make and seal all cases; return the seal, which is written once and never again.
+
+    Raises
+    ------
+    ValueError
+        The folder was sealed with other cases.
+    """
+    path, made = folder / "seal.json", {"seed": seed, "makers": makers_sha256(), "jobs": [list(job) for job in jobs]}
+    if path.exists():
+        found = json.loads(path.read_text())
+        if {key: found[key] for key in made} != made:
+            raise ValueError(f"{folder}: sealed: with other cases or by other code; choose a new folder or remove it")
+        return found
+    begun = folder / "begun.json"
+    if begun.exists() and json.loads(begun.read_text()) != made:
+        raise ValueError(f"{folder}: begun: with other cases or by other code; choose a new folder or remove it")
+    write_text(begun, json.dumps(made) + "\n")
+    names = told("sealed", partial(seal, folder, seed), jobs, pool)
+    found = {**made, "cases": seals(folder, names)}
+    write_text(path, json.dumps(found, indent=1) + "\n")
+    return found
+
+
+def prove(folder: Path, seed: int, mix: dict[str, int], *, every: int, processes: int = 2) -> tuple[list[dict], dict]:
+    """Return the results of all cases, and the seal with the state of the program that answered."""
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs, code = list(listed(mix)), code_sha256()
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        seal_of = sealed(folder, seed, jobs, pool)
+        names = list(seal_of["cases"])
+        with ThreadPoolExecutor(processes) as askers:
+            told("answered", partial(ask, folder), [(name, code) for name in names], askers)
+        if code_sha256() != code:
+            raise ValueError("dlwpredict: code: changed while it was asked; run again")
+        opened = [(name, seal_of["cases"][name], kind[1] % every == 0) for name, kind in zip(names, jobs, strict=True)]
+        results = told("judged", partial(_judged, folder), opened, pool)
+    return results, {**seal_of, "code": code}
+
+
+def _judged(folder: Path, name: str, seal_of: dict, beside: bool) -> dict:
+    return judged(folder, name, seal_of, beside=beside)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one proof."""
+    parser = argparse.ArgumentParser(prog="python -m tests.prove", description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, metavar="RUN_DIR")
+    parser.add_argument("--seed", choices=SEEDS, default="development")
+    parser.add_argument("--quick", action="store_true", help="a handful of cases of each kind")
+    parser.add_argument("--report", type=Path, help="folder of the result; RUN_DIR/report without")
+    parser.add_argument("--processes", type=int, default=2)
+    chosen = parser.parse_args(words)
+    started, report = time.monotonic(), chosen.report or chosen.folder / "report"
+    mix, every = (QUICK, EVERY_QUICK) if chosen.quick else (FULL, EVERY)
+    try:
+        results, seal_of = prove(chosen.folder, SEEDS[chosen.seed], mix, every=every, processes=chosen.processes)
+    except ValueError as fault:
+        print(f"error: {fault}", file=sys.stderr)
+        return 1
+    command = "make prove" if chosen.seed == "final" and not chosen.quick else "make prove-quick"
+    publish(report, results, seal_of, command=command, every=every)
+    print(f"{report / 'README.md'}: {len(results)} cases, {(time.monotonic() - started) / 60:.1f} minutes")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
