@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from tests.press import Microscope, Press, measure, names, print_part
-from tests.press.effect import make, registry
+from tests.press.effect import Scene, make, registry
+from tests.press.effects.dose_memory import DoseMemory
+from tests.press.effects.edge_inhibition import quencher
 from tests.press.effects.lateral_shrinkage import _edge_pull
+from tests.press.effects.spherical_aberration import SphericalAberration, through_focus
 from tests.press.effects.vignetting import through_pupil
-from tests.press.grid import plane_grid
+from tests.press.grid import plane_grid, with_layers
 from tests.press.lines import from_end, from_start, lag_weights, left_behind
+from tests.press.voxels import fill_fractions
 
 PITCH = 0.4
 PRESS = Press(threshold=0.45)
@@ -68,6 +72,7 @@ LONGER = [
     {"name": "dose-memory", "gain": 0.1, "model": "time"},
     {"name": "edge-inhibition", "gain": 0.1, "model": "diffusion"},
     {"name": "spherical-aberration", "broadening_per_um": 0.02, "model": "at-focus"},
+    {"name": "spherical-aberration", "loss_per_um": 0.005, "model": "pupil"},
     {"name": "lateral-shrinkage", "strain": 0.03, "model": "shear-lag"},
 ]
 
@@ -128,7 +133,7 @@ def test_off_is_identity_and_on_is_finite_visible_and_repeatable(name, part):
     assert 3e-4 < rms(changed - part) < 1.0
 
 
-@pytest.mark.parametrize("entry", LONGER, ids=lambda entry: entry["name"])
+@pytest.mark.parametrize("entry", LONGER, ids=lambda entry: f"{entry['name']}-{entry['model']}")
 def test_longer_physics_is_near_its_formula_but_not_the_same(entry, part):
     literal = run(part, {**entry, "model": "literal"}) - part
     longer = run(part, entry) - part
@@ -165,6 +170,40 @@ def test_vignetting_lowers_with_the_distance_from_its_centre():
 def test_pupil_gives_the_stated_strength_at_fifty_um():
     dose = through_pupil(np.array([0.0, 1.0]), 0.05, 0.8)
     assert dose == pytest.approx([1.0, 0.95], abs=2e-3)
+
+
+def test_aberrated_pupil_loses_intensity_as_marechal_says_and_the_stated_share_at_ten_um():
+    table = through_focus()
+    strehl = np.sqrt(table["dose"] ** 2 / table["width"])
+    small = slice(1, 7)  # up to 0.3 rad
+    assert (1 - strehl)[small] == pytest.approx(table["rad"][small] ** 2 / 5, rel=0.05)
+    aberration = SphericalAberration(loss_per_um=0.005, model="pupil")
+    rad = aberration.wavefront_rad(np.array([5.0, 10.0]))
+    loss = 1 - np.interp(rad, table["rad"], table["dose"])
+    assert loss == pytest.approx([0.05 / 4, 0.05], rel=0.05)
+
+
+def test_quencher_enters_a_wall_as_diffusion_says():
+    """Inside q = 2/3 exp(-x/l): value and flux meet those outside, where it is replenished four times as fast."""
+    grid = with_layers(plane_grid((60, 80), 0.5, 0.5), 25.0, 0.5)
+    heights = np.where(grid.x > 0, 40.0, 0.0) * np.ones((60, 1))
+    scene = Scene(grid, heights, (heights > 0) * 1.0, fill_fractions(heights, heights > 0, grid))
+    left = quencher(scene, 2.0)[4, 30]
+    inside = (grid.x > 0) & (grid.x < 6)
+    assert left[inside] == pytest.approx(2 / 3 * np.exp(-grid.x[inside] / 2.0), abs=0.02)
+    outside = (grid.x < 0) & (grid.x > -6)
+    assert left[outside] == pytest.approx(1 - np.exp(2 * grid.x[outside] / 2.0) / 3, abs=0.02)
+
+
+def test_full_lines_leave_the_memory_of_the_formula_and_short_ones_a_longer_one():
+    """Full lines take the time that L stands for; along them nothing changes but at their ends."""
+    memory = DoseMemory(gain=0.1, length_um=4.0, model="time", full_line_um=40.0, diffusivity_um2_per_s=0.0)
+    grid = plane_grid((100, 60), 0.4, 0.4)
+    full, short = np.ones((1, 100, 60), np.float32), np.zeros((1, 100, 60), np.float32)
+    short[:, 40:60] = 1
+    expected = left_behind(full, 4.0, 0.4, 1)[0, 50]
+    assert memory._in_time(full, grid)[0, 50] == pytest.approx(expected, abs=0.01)
+    assert memory._in_time(short, grid)[0, 50, 20] > expected[20] + 0.05
 
 
 def test_galvo_lag_moves_the_part_towards_plus_y():

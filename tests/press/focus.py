@@ -26,16 +26,16 @@ class Lobe:
     """Lateral standard deviations in um along two principal axes, and the axial cumulative share of energy.
 
     `cumulative(u)` is the energy at axial offsets below u (um); `angle_deg` turns the axes counter-clockwise;
-    `broadening_per_um` stretches the axial profile by 1 + broadening * depth, the depth being that of the point that is
-    exposed, or of the focus if `broadened_at_focus`.
+    `stretch(depth)` is the factor on axial widths at a depth in um, the depth being that of the point that is
+    exposed, or of the focus if `stretched_at_focus`.
     """
 
     s_x_um: float
     s_y_um: float
     cumulative: Callable[[np.ndarray], np.ndarray]
     angle_deg: float = 0.0
-    broadening_per_um: float = 0.0
-    broadened_at_focus: bool = False
+    stretch: Callable[[np.ndarray], np.ndarray] = np.ones_like
+    stretched_at_focus: bool = False
 
     def scaled(self, weight, ratio):
         """Return the lobe with its energy times `weight` and all widths times `ratio`."""
@@ -81,7 +81,7 @@ PROFILES = {"gaussian": gaussian, "gauss-lorentz": gauss_lorentz}
 def axial_weights(lobe, z, dz):
     """Return the exposure that each point of `z` gets from each full layer, and from all below the lowest layer."""
     depth = np.maximum(z, 0.0)
-    stretch = 1 + lobe.broadening_per_um * (depth[None, :] if lobe.broadened_at_focus else depth[:, None])
+    stretch = lobe.stretch(depth[None, :] if lobe.stretched_at_focus else depth[:, None])
     offset = z[None, :] - z[:, None]
     upper = lobe.cumulative((offset + dz / 2) / stretch)
     lower = lobe.cumulative((offset - dz / 2) / stretch)
