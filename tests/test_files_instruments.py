@@ -166,6 +166,21 @@ def test_faulty_nms_are_refused(tmp_path, case):
     assert one_line(convert(source, tmp_path / "a.tif")).startswith(f"error: {source}: {expected}")
 
 
+def test_a_clipped_recording_is_told_from_a_flat_design(tmp_path):
+    raw = np.clip(np.random.default_rng(0).normal(30000, 9000, (200, 200)), 0, 40000).round()
+    out = tmp_path / "a.tif"
+    result = convert(write(tmp_path, "a.nms", make.nms(raw, pitch_nm=(300, 300))), out)
+    points = int((raw == 40000).sum())
+    assert f"{points} points at the highest height, 40 µm: is the recording clipped?" in result.stderr
+    assert "lowest" not in result.stderr
+    assert (
+        convert(
+            write(tmp_path, "b.nms", make.nms(np.where(raw > 30000, 20000, 0), pitch_nm=(300, 300))), tmp_path / "b.tif"
+        ).stderr
+        == ""
+    )
+
+
 # -- .sdf --------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "content", [b"hello", FILES["text.sdf"][:150], FILES["binary.sdf"][:200], b"aISO-9.0\r\n*\r\n"]
@@ -419,6 +434,15 @@ def test_real_recordings_are_read_as_their_readme_has_them(name):
     assert (part.dx_um, part.dy_um) == pytest.approx((dx, dy), abs=pitch)
     assert (np.nanmin(part.heights_um), np.nanmax(part.heights_um)) == pytest.approx((low, high), abs=z)
     assert 100 * part.missing_fraction == pytest.approx(missing, abs=percent)
+
+
+@needs_extra
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings not at hand")
+def test_the_tilt_of_the_polished_flat_is_told(tmp_path):
+    """7.70 mrad along x, 0.19 mrad along y (README of the recordings; it does not say which way y runs)."""
+    result = convert(RECORDINGS / "confocal_tilted_flat.plu", tmp_path / "a.tif")
+    along_x, along_y = result.stdout.split("tilt ")[1].split(" mrad")[0].split(" x ")
+    assert (abs(float(along_x)), abs(float(along_y))) == pytest.approx((7.70, 0.19), abs=5e-3)
 
 
 @needs_extra

@@ -14,7 +14,7 @@ from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import format_of
-from dlwpredict.files.plausibility import plausibility
+from dlwpredict.files.plausibility import plausibility, tilt_mrad
 from dlwpredict.missing import fill_missing
 
 COMMAND = "convert"
@@ -51,7 +51,7 @@ def run(
     height_map = read_height_map(
         source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked, channel=channel
     )
-    say(f"{source}: {height_map.summary()}")
+    say(f"{source}: {height_map.summary()}, tilt {' x '.join(f'{slope:.3g}' for slope in tilt_mrad(height_map))} mrad")
     for warning in plausibility(height_map):
         warn(f"{source}: {warning}")
     if fill is not None:
