@@ -18,12 +18,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from dlwpredict.bisection import triangles
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.rasterise import seen_from_above
 
 NOTHING_UM = 1e-3  # heights below 1 nm count as nothing written
 _DRAWN_BACK = 1 / 64
-_BLOCK = 16  # cells along the side of the coarse blocks of the base; even, so that a block has a middle node
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,9 @@ class Solid:
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def solid_of(height_map: HeightMap, *, base_um: float = 0.0, min_thickness_um: float = 0.1) -> Solid:
+def solid_of(
+    height_map: HeightMap, *, base_um: float = 0.0, min_thickness_um: float = 0.1, error_um: float | None = None
+) -> Solid:
     """Build the solid under a height map.
 
     Parameters
@@ -62,6 +65,8 @@ def solid_of(height_map: HeightMap, *, base_um: float = 0.0, min_thickness_um: f
         Thickness of a plate under the whole map, µm; 0 = none, unwritten pixels are left out.
     min_thickness_um : float
         Smallest thickness of what stands, µm (one slice); lower heights are lifted.
+    error_um : float, optional
+        With as few faces as keep the top within this distance of every height, µm; if not given, with all.
 
     Raises
     ------
@@ -75,10 +80,17 @@ def solid_of(height_map: HeightMap, *, base_um: float = 0.0, min_thickness_um: f
     heights = np.where(written, heights + base_um, 0.0)
     lift = np.where(written, min_thickness_um - heights, 0.0).clip(min=0)
     nodes = _Nodes.of(heights + lift, written)
-    vertices, faces = _compact(nodes, _closed(nodes, written))
+    vertices, faces = _compact(nodes, _closed(nodes, written, heights + lift, error_um))
     vertices *= (height_map.dx_um / 2, -height_map.dy_um / 2, 1.0)
     vertices[:, 1] += (written.shape[0] - 1) * height_map.dy_um
     return Solid(vertices, faces, int((lift > 0).sum()), float(lift.max()))
+
+
+def largest_distance_um(one: Solid, other: Solid, height_map: HeightMap) -> float:
+    """Return how far apart two solids of one height map are at most, seen from above at its pixels, µm."""
+    pitch = height_map.dx_um, height_map.dy_um
+    seen, against = (seen_from_above(solid.vertices_um[solid.faces], *pitch) for solid in (one, other))
+    return float(np.abs(seen - against).max())
 
 
 def boundary_edges(faces: np.ndarray) -> np.ndarray:
@@ -191,49 +203,29 @@ def _cover(nodes: _Nodes, written: np.ndarray, full: np.ndarray) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _closed(nodes: _Nodes, written: np.ndarray) -> np.ndarray:
-    """Return top, base and walls."""
+def _closed(nodes: _Nodes, written: np.ndarray, heights: np.ndarray, error_um: float | None) -> np.ndarray:
+    """Return top, base and walls; the top within an error of the heights, or through all of them."""
     full = np.logical_and.reduce(_corners(written))
-    blocks = _full_blocks(full)
-    coarse = np.zeros_like(full)
-    inside = np.repeat(np.repeat(blocks, _BLOCK, axis=0), _BLOCK, axis=1)
-    coarse[: inside.shape[0], : inside.shape[1]] = inside
-    top = _cover(nodes, written, full)
-    base = np.concatenate([_cover(nodes, written, full & ~coarse), _block_faces(nodes, blocks)])[:, ::-1]
+    top = _cover(nodes, written, full) if error_um is None else _sparse(nodes, written, full, heights, error_um)
+    base = _sparse(nodes, written, full, np.zeros_like(heights), 0.0)[:, ::-1]
     u, v = boundary_edges(top).T
     low_u, low_v = u + nodes.count, v + nodes.count
     walls = np.concatenate([np.stack([low_u, low_v, v], axis=1), np.stack([low_u, v, u], axis=1)])
     return np.concatenate([top, base + nodes.count, walls])
 
 
-def _full_blocks(full: np.ndarray) -> np.ndarray:
-    """Return which blocks of cells are full, so that the base needs no inner points there."""
-    rows, cols = (n // _BLOCK for n in full.shape)
-    return full[: rows * _BLOCK, : cols * _BLOCK].reshape(rows, _BLOCK, cols, _BLOCK).all(axis=(1, 3))
-
-
-def _block_faces(nodes: _Nodes, blocks: np.ndarray) -> np.ndarray:
-    """Return fans about the middle of each full block; one edge towards another one, all pixels towards the rest."""
-    ring = np.pad(blocks, 1)
-    i, j = np.nonzero(blocks)
-    lower_left, lower_right, _, upper_left = (int(corner[0, 0]) for corner in nodes.corner)
-    down, right = lower_left - upper_left, lower_right - lower_left  # from pixel to pixel, in node numbers
-    origin = i * _BLOCK * down + j * _BLOCK * right
-    middle = origin + _BLOCK // 2 * (down + right)
-    sides = (  # neighbour, first corner, direction: anticlockwise
-        ((1, 0), down, right),
-        ((0, 1), down + right, -down),
-        ((-1, 0), right, -right),
-        ((0, -1), 0, down),
-    )
-    parts = [np.zeros((0, 3), dtype=int)]
-    for (di, dj), corner, along in sides:
-        joined = ring[i + 1 + di, j + 1 + dj]
-        for chosen, step in ((joined, _BLOCK), (~joined, 1)):
-            start = (origin[chosen] + _BLOCK * corner)[:, None] + np.arange(0, _BLOCK, step) * along
-            centre = np.broadcast_to(middle[chosen][:, None], start.shape)
-            parts.append(np.stack([centre, start, start + step * along], axis=-1).reshape(-1, 3))
-    return np.concatenate(parts)
+def _sparse(nodes: _Nodes, written: np.ndarray, full: np.ndarray, heights: np.ndarray, error_um: float) -> np.ndarray:
+    """Return few triangles over the full cells, within an error of the heights, and all of the other cells'."""
+    keep = np.zeros(written.shape, dtype=bool)
+    for corner in _corners(keep):
+        corner |= ~full
+    corners = triangles(heights, keep, error_um)
+    within = full[tuple((corners.sum(axis=1) // 3).T)]  # the cell in the middle; a larger one lies in full cells only
+    pixel = np.empty(written.shape, dtype=int)
+    for into, number in zip(_corners(pixel), nodes.corner, strict=True):
+        into[:] = number
+    merged = pixel[tuple(np.moveaxis(corners[within], -1, 0))]
+    return np.concatenate([merged, _cover(nodes, written, np.zeros_like(full))])
 
 
 def _compact(nodes: _Nodes, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

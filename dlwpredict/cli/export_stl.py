@@ -10,11 +10,12 @@ import typer
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
 from dlwpredict.cli.streams import tell
-from dlwpredict.errors import InputError, blaming
+from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import replacing
 from dlwpredict.files.stl import write_solid
-from dlwpredict.mesh import solid_of
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.mesh import Solid, largest_distance_um, solid_of
 from dlwpredict.missing import fill_missing
 
 COMMAND = "export-stl"
@@ -33,6 +34,15 @@ def run(
         float,
         typer.Option("--min-thickness-um", help="What stands is at least this high: one slice.", **options.LENGTH),
     ] = 0.1,
+    max_faces: Annotated[
+        int | None,
+        typer.Option(
+            help="Merge triangles where there are more, if --max-error-um allows it.", min=1, show_default=False
+        ),
+    ] = None,
+    max_error_um: Annotated[
+        float, typer.Option(help="How far merged triangles may be from any height, µm.", **options.LENGTH)
+    ] = 0.01,
     pitch_um: options.PitchUm = None,
     z_scale: options.ZScale = None,
     overwrite: options.Overwrite = False,
@@ -49,14 +59,19 @@ def run(
         if fill is not None:
             part = fill_missing(part, fill)
         solid = solid_of(part, base_um=base_um, min_thickness_um=min_thickness_um)
+        error_um = 0.0
+        if max_faces is not None and len(solid.faces) > max_faces:
+            solid, error_um = merged(solid, part, max_faces, max_error_um, base_um, min_thickness_um)
     with blaming(output), replacing(output) as temporary:
         write_solid(temporary, solid)
     for remark in solid.remarks:
         warn(f"{height_map}: {remark}")
     (x0, y0, _), (x1, y1, top) = solid.vertices_um.min(axis=0), solid.vertices_um.max(axis=0)
+    within = f" within {1e3 * error_um:.3g} nm" if error_um else ""
     tell(
         {
             "triangles": len(solid.faces),
+            "surface_error_um": error_um,
             "x_um": (x0, x1),
             "y_um": (y0, y1),
             "z_um": (0.0, top),
@@ -66,6 +81,33 @@ def run(
         }
     )
     say(
-        f"{output}: watertight, {len(solid.faces)} triangles, x {x0:.5g} to {x1:.5g}, y {y0:.5g} to {y1:.5g}, "
+        f"{output}: watertight, {len(solid.faces)} triangles{within}, x {x0:.5g} to {x1:.5g}, y {y0:.5g} to {y1:.5g}, "
         f"z 0 to {top:.4g} µm, volume {solid.volume_um3:.6g} µm³"
     )
+
+
+def merged(
+    whole: Solid, part: HeightMap, max_faces: int, max_error_um: float, base_um: float, min_thickness_um: float
+) -> tuple[Solid, float]:
+    """Return the solid with merged triangles, and how far its surface is from the whole one's, µm.
+
+    Raises
+    ------
+    ResultError
+        More triangles are needed to stay within the error.
+    """
+    if not 0 < max_error_um <= 1:
+        raise InputError(f"found {max_error_um:g}", key="--max-error-um", allowed="allowed above 0, up to 1 µm")
+    solid = solid_of(part, base_um=base_um, min_thickness_um=min_thickness_um, error_um=max_error_um)
+    if len(solid.faces) > max_faces:
+        raise ResultError(
+            f"{len(solid.faces)} triangles are needed to stay within {max_error_um:g} µm",
+            key="--max-faces",
+            allowed="allow as many, a larger --max-error-um, or convert to a coarser pitch",
+        )
+    error_um = largest_distance_um(solid, whole, part)
+    if error_um > max_error_um * (1 + 1e-6):
+        raise ResultError(
+            f"the surface is {error_um:.3g} µm off", key="--max-faces", allowed=f"allowed {max_error_um:g}"
+        )
+    return solid, error_um
