@@ -41,6 +41,7 @@ def test_press_knows_nothing_of_the_program_under_test():
         "argparse",
         "collections",
         "dataclasses",
+        "functools",
         "importlib",
         "itertools",
         "os",
