@@ -88,6 +88,7 @@ def show_map(
     limits_um: tuple[float, float] | None = None,
     colours: str = HEIGHT_COLOURS,
     label: str = "height / µm",
+    bar_um: float | None = None,
 ) -> AxesImage:
     """Draw a height map with colour bar and scale bar; x and y in µm from its centre, points not measured in grey.
 
@@ -101,6 +102,8 @@ def show_map(
         Heights of the first and last colour; `height_limits` if not given.
     colours : str
         Name of a matplotlib colour map.
+    bar_um : float, optional
+        Length of the scale bar; a round one that suits the map if not given.
     """
     low, high = limits_um or height_limits(height_map)
     width, depth = height_map.size_um
@@ -122,17 +125,17 @@ def show_map(
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
     beside = axes.inset_axes((1.04, 0, 0.05, 1))
     axes.figure.colorbar(image, cax=beside, label=label, extend=extend, extendfrac=0.04).outline.set_linewidth(0.6)
-    show_scale_bar(axes, width)
+    show_scale_bar(axes, width, bar_um or round_length(0.3 * width))
     return image
 
 
-def show_scale_bar(axes: Axes, width_um: float) -> None:
-    """Draw a bar of a round length above the upper right corner of a map of this width, so that it hides nothing."""
-    length, end = round_length(0.3 * width_um), width_um / 2
+def show_scale_bar(axes: Axes, width_um: float, length_um: float) -> None:
+    """Draw a bar of a length above the upper right corner of a map of a width, so that it hides nothing."""
+    start, end = width_um / 2 - length_um, width_um / 2
     place = {"transform": axes.get_xaxis_transform(), "clip_on": False}
-    axes.plot((end - length, end), (1.045, 1.045), color="k", lw=2.2, solid_capstyle="butt", scalex=False, **place)
+    axes.plot((start, end), (1.045, 1.045), color="k", lw=2.2, solid_capstyle="butt", scalex=False, **place)
     size = 0.8 * matplotlib.rcParams["font.size"]
-    axes.text(end - length, 1.045, f"{length:g} µm ", ha="right", va="center_baseline", fontsize=size, **place)
+    axes.text(start, 1.045, f"{length_um:g} µm ", ha="right", va="center_baseline", fontsize=size, **place)
 
 
 def round_length(most: float) -> float:
@@ -147,11 +150,20 @@ def round_length(most: float) -> float:
 
 
 def show_difference(
-    axes: Axes, difference: HeightMap, *, title: str = "", limit_um: float | None = None, label: str = "difference / µm"
+    axes: Axes,
+    difference: HeightMap,
+    *,
+    title: str = "",
+    limit_um: float | None = None,
+    label: str = "difference / µm",
+    bar_um: float | None = None,
 ) -> AxesImage:
     """Draw a difference of heights: white at 0, red above, blue below, up to ± ``limit_um`` (`difference_limit`)."""
     limit = limit_um or difference_limit(difference.heights_um)
-    return show_map(axes, difference, title=title, limits_um=(-limit, limit), colours=DIFFERENCE_COLOURS, label=label)
+    limits = -limit, limit
+    return show_map(
+        axes, difference, title=title, limits_um=limits, colours=DIFFERENCE_COLOURS, label=label, bar_um=bar_um
+    )
 
 
 def show_profiles(axes: Axes, maps: Sequence[HeightMap], *, axis: str, names: Sequence[str]) -> None:

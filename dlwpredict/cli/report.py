@@ -1,0 +1,37 @@
+"""``dlwpredict report``: a run folder as one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dlwpredict.cli import options
+from dlwpredict.cli.console import say
+
+COMMAND = "report"
+
+
+def run(
+    folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.", show_default=False)],
+    output: options.Output,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Show a run folder as one HTML page: maps, profiles, figures, parameters, diagnosis, where all of it comes from.
+
+    The page works offline, holds surfaces that can be turned, and can be printed.
+
+    $ dlwpredict report runs/demo -o report.html
+    """
+    options.check_outputs(output, overwrite=overwrite)
+    from dlwpredict.pages.report import write_report  # matplotlib takes a second
+    from dlwpredict.pages.run_folder import read_run
+
+    found = read_run(folder, leave_out=(output,))
+    write_report(output, found)
+    prints = sum("aligned" in one.maps for structure in found.structures for one in structure.prints)
+    say(
+        f"{output}: {len(found.structures)} structures, {prints} aligned recordings, {len(found.parameters)} parameter "
+        f"files, {len(found.diagnoses)} diagnoses; {output.stat().st_size / 1e6:.1f} MB"
+    )

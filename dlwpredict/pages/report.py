@@ -1,0 +1,201 @@
+"""A run folder as one HTML page that asks for nothing outside itself; the same folder gives the same bytes."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from dlwpredict.errors import ResultError
+from dlwpredict.files.atomic import write_text
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.pages import words
+from dlwpredict.pages.pictures import LARGEST_MAP
+from dlwpredict.pages.relief import LARGEST_RELIEF, MOST_POINTS, relief, view
+from dlwpredict.pages.report_pictures import pictures, ranges, surfaces
+from dlwpredict.pages.run_folder import Run, Structure
+from dlwpredict.pages.templates import template
+from dlwpredict.parameters import ParameterSet, Readings, declarations
+from dlwpredict.score import score
+
+MOST_PIXELS = 1_200_000
+"""Pixels of all maps of a page together; at about four bytes each."""
+
+MOST_COLUMNS = 4
+"""Parameter files side by side in one table."""
+
+_GENERATION_FOLDER = re.compile(r"(^|/)g(en(eration)?)?[-_]?\d+$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One line of the table of figures: what was compared with what, and the score, as the paper's Table 1 has it."""
+
+    structure: str
+    name: str
+    reference: str
+    values: dict[str, float | None]
+    note: str = ""
+
+
+def write_report(path: Path, run: Run) -> None:
+    """Write the page whole or not at all.
+
+    Raises
+    ------
+    InputError
+        The folder is missing or not writable.
+    """
+    write_text(path, page(run))
+
+
+def page(run: Run) -> str:
+    """Return the page of a run."""
+    maps = sum(1 + sum(2 * len(one.maps) for one in structure.prints) for structure in run.structures)
+    pixels = min(LARGEST_MAP, MOST_PIXELS // max(maps, 1))
+    rows = [row for structure in run.structures for row in figures(structure)]
+    script = (Path(__file__).parent / "relief.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode("ascii")
+    return template("report.html").render(
+        run=run,
+        structures=[_shown(structure, pixels) for structure in run.structures],
+        summaries=[text for structure in run.structures if (text := summary(structure.name, rows))],
+        rows=rows,
+        reliefs=view(_reliefs(run.structures)),
+        alignments=_facts(run, "alignment"),
+        corrections=_facts(run, "correction"),
+        parameters=parameter_tables(run.parameters),
+        changed=changed_inputs(run),
+        commands=commands(run),
+        script=Markup(f"\n{script}\n"),
+        digest=digest,
+    )
+
+
+def figures(structure: Structure) -> list[Figures]:
+    """Return the figures of a structure: its target, every print against it, every prediction against its print."""
+    target, found = structure.target, []
+    if target is not None:
+        found.append(_compared(structure.name, "target", target, "", target, target))
+    for one in structure.prints:
+        named = f" {one.name}".rstrip()
+        aligned = one.maps.get("aligned")
+        for role, name in (("aligned", f"print{named}"), ("reprinted", f"print of the corrected design{named}")):
+            if role in one.maps and target is not None:
+                found.append(_compared(structure.name, name, one.maps[role], "target", target, target))
+        if aligned is not None and "predicted" in one.maps:
+            name, predicted = f"predicted print{named}", one.maps["predicted"]
+            found.append(_compared(structure.name, name, predicted, f"print{named}", aligned, target or predicted))
+        if "score" in one.facts and (aligned is None or target is None):
+            found.append(Figures(structure.name, f"print{named}", "not stated", one.facts["score"], "as in score.json"))
+    return found
+
+
+def _compared(
+    structure: str, name: str, test: HeightMap, against: str, reference: HeightMap, part: HeightMap
+) -> Figures:
+    """Return the score of a test map where the part stands above the substrate; why not, where there is none."""
+    if not (test.same_grid(reference) and test.same_grid(part)):
+        return Figures(structure, name, against, {}, "not on the same grid")
+    stands = part.heights_um > 0 if (part.heights_um > 0).any() else np.ones(part.shape, dtype=bool)
+    try:
+        found = score(reference.with_heights(np.where(stands, reference.heights_um, np.nan)), test)
+    except ResultError as error:
+        return Figures(structure, name, against, {}, error.what)
+    note = "heights are relative" if found.height_reference == "relative" else ""
+    return Figures(structure, name, against, asdict(found) | {"valid_fraction": found.points / stands.sum()}, note)
+
+
+def summary(structure: str, rows: list[Figures]) -> str:
+    """Return how the error of a structure went from its first print to its last; nothing without a print."""
+    prints = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
+    if not prints:
+        return ""
+    ends = [f"{words.length(row.values['rmse_um'])} ({row.name})" for row in prints]
+    return f"{structure}: rmse {' → '.join(dict.fromkeys((ends[0], ends[-1])))}"
+
+
+def parameter_tables(files: dict[str, ParameterSet]) -> list[dict[str, Any]]:
+    """Return the parameter files of each part side by side: their paths and, for every parameter, its values."""
+    groups: dict[str, list[str]] = {}
+    for path in files:
+        groups.setdefault(_GENERATION_FOLDER.sub("", Path(path).parent.as_posix()), []).append(path)
+    chunks = [paths[k : k + MOST_COLUMNS] for paths in groups.values() for k in range(0, len(paths), MOST_COLUMNS)]
+    tables = []
+    for paths in chunks:
+        columns = [parameter_words(files[path]) for path in paths]
+        names = dict.fromkeys(name for column in columns for name in column)
+        tables.append({"paths": paths, "rows": [(name, [c.get(name, "") for c in columns]) for name in names]})
+    return tables
+
+
+def parameter_words(parameters: ParameterSet) -> dict[str, str]:
+    """Return every parameter of a set by its dotted name: value, 95 % interval where known, unit."""
+    found = {}
+    owners = [("", parameters.paper), *((f"{effect.name}.", effect) for effect in parameters.effects)]
+    for prefix, owner in owners:
+        for name, (_, declared) in declarations(type(owner)).items():
+            low, high = parameters.intervals.get(prefix + name, (None, None))
+            value = {"value": getattr(owner, name), "low": low, "high": high, "unit": declared.unit}
+            found[prefix + name] = words.estimate(value)
+            if low is not None and not low <= value["value"] <= high:
+                found[prefix + name] = (
+                    f"{words.significant(value['value'])}, outside its interval {low:.3g} to {high:.3g}"
+                )
+    found |= {f"writing.{name}": str(value) for name, value in asdict(parameters.writing).items()}
+    if parameters.readings != Readings():
+        found |= {f"readings.{name}": str(value) for name, value in asdict(parameters.readings).items()}
+    return found
+
+
+def changed_inputs(run: Run) -> list[tuple[str, str]]:
+    """Return (result, input) wherever an input within the run is no longer what the result was made from."""
+    known = {entry.path: entry.sha256 for entry in run.entries}
+    found = []
+    for entry in run.entries:
+        inputs = entry.provenance.get("inputs")
+        for name, digest in inputs.items() if isinstance(inputs, dict) else ():
+            inside = [path for path in known if f"/{name}".endswith(f"/{run.name}/{path}")]
+            if inside and known[max(inside, key=len)] != digest:
+                found.append((entry.path, str(name)))
+    return found
+
+
+def commands(run: Run) -> list[tuple[str, list[str]]]:
+    """Return every command that the files state, with the files that it made."""
+    found: dict[str, list[str]] = {}
+    for entry in run.entries:
+        if command := entry.provenance.get("command"):
+            found.setdefault(str(command), []).append(entry.path)
+    return list(found.items())
+
+
+def _shown(structure: Structure, pixels: int) -> dict[str, Any]:
+    groups, profiles = pictures(structure, pixels)
+    return {"name": structure.name, "groups": groups, "profiles": profiles}
+
+
+def _reliefs(structures: tuple[Structure, ...]) -> list[dict[str, Any]]:
+    found = [(one, surface) for one in structures for surface in surfaces(one)]
+    points = min(LARGEST_RELIEF, MOST_POINTS // max(len(found), 1))
+    shared = {one.name: ranges(one) for one in structures}
+    return [
+        relief(one.name, surface.name, surface.height_map, surface.limits(shared[one.name]), points)
+        for one, surface in found
+    ]
+
+
+def _facts(run: Run, kind: str) -> list[tuple[str, dict]]:
+    """Return the figures of one kind, with the name of structure and print."""
+    return [
+        (f"{structure.name} {one.name}".strip(), one.facts[kind])
+        for structure in run.structures
+        for one in structure.prints
+        if kind in one.facts
+    ]
