@@ -55,9 +55,9 @@ def named(name: str, rng: np.random.Generator) -> Hidden:
     """Draw an effect of the library: its switch, sign and shape, and the library's form or the longer physics."""
     kind, press_kind = library()[name], registry()[name]
     known = {item.name for item in fields(press_kind)}
-    switch = str(rng.choice([s for s in kind.switches() if s in known]))
+    switch = str(rng.choice([s for s in kind.switches() if s in known and s not in SET_APART]))
     off, declared = declarations(kind)[switch]
-    sign = 1.0 if declared.low >= off else rng.choice([-1.0, 1.0])
+    sign = float(rng.choice([-1.0, 1.0])) if declared.low < off < declared.high else 1.0
     settings = {}
     for key, (default, shape) in declarations(kind).items():
         if key in kind.switches() or key not in known or not shape.fitted or key in SET_APART:

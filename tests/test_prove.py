@@ -1,0 +1,333 @@
+"""The proof's machinery: what is drawn, sealed, asked, judged and counted. No verdict of the program is tested here."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dlwpredict.effects import library
+from tests.bench.cases import NEVER
+from tests.press import read_map
+from tests.prove import __main__ as prove
+from tests.prove import answer, judge, page, structures, table
+from tests.prove.baselines import _forward
+from tests.prove.hidden import NAMED, OUTSIDE, named, outside
+from tests.prove.linear import LIMIT_Z, Sight
+from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, MEASUREMENT, QUICK, draw, listed, name_of
+from tests.prove.sealed import Folder, seal, seals, strength
+
+SEED = 4
+
+
+def finding(*names, side="print", **parameters):
+    return {"effects": list(names), "side": side, "p_value": 0.0, "gain": 50.0, "parameters": parameters}
+
+
+def diagnosis(verdict, *findings, locations=()):
+    seven = {name: {"value": value} for name, value in
+             {"exposure_fwhm_xy_um": 0.5, "exposure_fwhm_z_um": 1.5, "threshold": 0.5, "crosslink_fwhm_xy_um": 7.0,
+              "crosslink_fwhm_z_um": 7.0, "shrinkage_min": 0.7, "shrinkage_max": 1.0}.items()}  # fmt: skip
+    model = {"rmse_um": 0.02, "parameters": seven}
+    return {"verdict": verdict, "findings": list(findings), "locations": list(locations), "baseline": model,
+            "extended": model, "remainder": {}, "not_testable": [], "noise_um": 0.01}  # fmt: skip
+
+
+def truth(kind="single", *effects, index=0):
+    process = {"focus_fwhm_xy_um": 0.5, "focus_fwhm_z_um": 1.5, "threshold": 0.5, "crosslink_fwhm_xy_um": 7.0,
+               "crosslink_fwhm_z_um": 7.0, "shrinkage_min": 0.7, "shrinkage_max": 1.0}  # fmt: skip
+    noise = {"sigma_um": 0.01, "white_um": 0.003, "correlation_um": 1.0, "kind": "gaussian"}
+    return {"kind": kind, "index": index, "process": process, "noise": noise, "effects": list(effects),
+            "structures": [{}] * 3}  # fmt: skip
+
+
+def effect(name, switch="strength", value=0.05, times=2.0, levelling=0.1, calibration=0.1, **entry):
+    return {"name": name, "switch": switch, "value": value, "off": 0.0, "times": times, "z": LIMIT_Z * times,
+            "levelling": levelling, "calibration": calibration, "raw_um": 0.02,
+            "entry": {"name": name, switch: value, **entry}}  # fmt: skip
+
+
+def result(name, what, told):
+    answered = {"status": 0, "diagnosis": told}
+    return {"name": name, "truth": what, "concealed": judge.concealments(what), "seconds": 10.0, "baselines": {},
+            **judge.said(answered), **judge.scored(what, told),
+            "unseen_um": {"seven": 0.02, "diagnose": 0.01}}  # fmt: skip
+
+
+def failed(name, what):
+    told = judge.said({"status": 1, "complaint": "error: no"})
+    return {"name": name, "truth": what, "concealed": judge.concealments(what), "seconds": 1.0, "baselines": {}, **told}
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """Right, wrong, silent and failed answers of several kinds."""
+    dome = finding("vignetting", vignetting={"strength": {"value": 0.06, "low": 0.04, "high": 0.08}})
+    return [
+        result("a", truth("null"), diagnosis("none")),
+        result("b", truth("null", index=1), diagnosis("identified", finding("curl"))),
+        result("c", truth("single", effect("vignetting")), diagnosis("identified", dome)),
+        result("d", truth("single", effect("vignetting", times=3.0), index=1), diagnosis("none")),
+        failed("e", truth("single", effect("curl", "rise_um", times=4.0), index=2)),
+        result("f", truth("outside", effect("particle", "height_um", x_um=3.0, y_um=0.0)), diagnosis("unexplained")),
+    ]
+
+
+def test_mix_is_that_of_the_issue_and_seeds_are_apart():
+    assert FULL == {"null": 60, "single": 90, "pair": 30, "outside": 30, "absorbed": 20, "measurement": 10}
+    assert len(list(listed(FULL))) == sum(FULL.values()) == len({name_of(1, *job) for job in listed(FULL)})
+    assert {kind for kind, _ in list(listed(FULL))[:12]} == set(FULL) == set(QUICK)
+    assert DEVELOPMENT_SEED != FINAL_SEED
+    assert not {name_of(DEVELOPMENT_SEED, *job) for job in listed(FULL)} & {
+        name_of(FINAL_SEED, *job) for job in listed(FULL)
+    }
+
+
+def test_names_are_opaque():
+    assert not any(word in name_of(SEED, kind, 0) for kind in FULL for word in (kind, kind[:3]))
+
+
+def test_a_draw_depends_on_seed_and_place_alone():
+    one, same, other, next_one = draw(1, "pair", 3), draw(1, "pair", 3), draw(2, "pair", 3), draw(1, "pair", 4)
+    assert one == same and one.process != other.process and one.noise != next_one.noise
+    assert all(0.3 <= times <= 5 for times in one.times)
+
+
+def test_every_effect_and_everything_outside_has_its_turn():
+    singles = {draw(SEED, "single", k).hidden[0].name for k in range(FULL["single"])}
+    beyond = {draw(SEED, "outside", k).hidden[0].name for k in range(FULL["outside"])}
+    assert singles == set(library()) - set(NEVER) and beyond == set(OUTSIDE) and len(beyond) >= 8
+
+
+def test_absorbed_cases_are_twins_on_one_roughness_map_and_on_three_structures():
+    alone, three = draw(SEED, "absorbed", 4), draw(SEED, "absorbed", 5)
+    assert [one["kind"] for one in alone.structures] == ["air"] and alone.structures[0] in three.structures
+    assert (alone.hidden, alone.times, alone.process) == (three.hidden, three.times, three.process)
+    assert len(MEASUREMENT) == FULL["measurement"]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_structures_fit_their_maps_and_the_one_held_out_is_of_another_kind(seed):
+    given, kept = structures.several(np.random.default_rng(seed))
+    assert {structures.made(one).shape for one in (*given, kept)} == {(structures.PIXELS,) * 2}
+    assert kept["kind"] not in {one["kind"] for one in given} and len({one["kind"] for one in given}) == 3
+
+
+@pytest.mark.parametrize("name", sorted({*NAMED, *OUTSIDE}))
+def test_what_is_drawn_is_what_the_press_knows(name):
+    from tests.press.effect import make
+
+    hidden = (named if name in NAMED else outside)(name, np.random.default_rng(3))
+    assert make(hidden.at(hidden.probe)).name == name and hidden.low <= hidden.probe <= hidden.high
+    assert hidden.at(1e9)[hidden.switch] == hidden.high
+
+
+@pytest.fixture(scope="module")
+def sight():
+    drawn = draw(SEED, "single", list(NAMED).index("curl"))
+    return drawn, Sight.of([structures.made(one) for one in drawn.limit_on], drawn.process, drawn.noise)
+
+
+def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(sight):
+    _, seen = sight
+    grids = [item.recording.target for item in seen.fit.data]
+    plane = seen.shares([0.01 * np.broadcast_to(grid.x_um, grid.shape) for grid in grids])
+    assert plane["levelling"] > 0.999 and plane["z"] < 0.1
+    higher = seen.shares([0.02 * trace.heights_um for trace in seen.fit.point.traces])
+    assert higher["levelling"] + higher["calibration"] > 0.999 and higher["calibration"] > 0.05
+
+
+def test_strength_is_the_wanted_multiple_of_the_limit(sight):
+    drawn, seen = sight
+    parts = [structures.made(one) for one in drawn.limit_on]
+    found = strength(drawn.hidden[0], 2.0, drawn, seen, parts)
+    assert found["times"] == pytest.approx(2.0, rel=0.06) and found["z"] == pytest.approx(2 * LIMIT_Z, rel=0.06)
+    assert found["entry"]["rise_um"] == found["value"] != 0
+
+
+def test_an_effect_that_calibration_takes_whole_has_no_limit(sight):
+    drawn, seen = sight
+    parts = [structures.made(one) for one in drawn.limit_on]
+    found = strength(named("z-amplification", np.random.default_rng(0)), 3.0, drawn, seen, parts)
+    assert found["times"] < 0.1 and abs(found["value"]) == library()["z-amplification"].switches()["gain"]
+
+
+@pytest.fixture(scope="module")
+def sealed_case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("prove")
+    name = seal(folder, SEED, "null", 0)
+    return folder, name, seals(folder, [name])[name]
+
+
+def test_the_program_is_given_opaque_maps_only(sealed_case):
+    folder, name, _ = sealed_case
+    files = sorted(file.name for file in Folder(folder).data(name).iterdir())
+    assert files == [f"{what}_{k}.tif" for what in ("recording", "target") for k in range(3)]
+    content = b"".join(file.read_bytes() for file in Folder(folder).data(name).iterdir())
+    assert not any(word in content for word in (b"null", b"sigma", b"threshold", b"seed", b"effect"))
+    assert read_map(Folder(folder).data(name) / "recording_0.tif")[0].shape == (structures.PIXELS,) * 2
+
+
+def test_a_seal_opens_on_what_was_sealed_and_on_nothing_else(sealed_case):
+    folder, name, sealed = sealed_case
+    assert judge.opened(folder, name, sealed)["kind"] == "null"
+    with pytest.raises(ValueError, match="truth: not what was sealed"):
+        judge.opened(folder, name, {**sealed, "truth": "0" * 64})
+    with pytest.raises(ValueError, match="maps: not what was sealed"):
+        judge.opened(folder, name, {**sealed, "maps": {**sealed["maps"], "more.tif": ""}})
+
+
+def test_a_case_is_made_once_and_always_the_same(sealed_case, tmp_path):
+    folder, name, sealed = sealed_case
+    before = Folder(folder).truth(name).stat().st_mtime_ns
+    assert seal(folder, SEED, "null", 0) == name and Folder(folder).truth(name).stat().st_mtime_ns == before
+    seal(tmp_path, SEED, "null", 0)
+    assert seals(tmp_path, [name])[name] == sealed
+
+
+def test_a_folder_sealed_otherwise_is_refused(tmp_path):
+    made = {"seed": 1, "makers": "of yesterday", "jobs": [["null", 0]]}
+    (tmp_path / "seal.json").write_text(json.dumps(made))
+    with pytest.raises(ValueError, match="sealed: with other cases"):
+        prove.sealed(tmp_path, 1, [("null", 0)], None)
+
+
+def test_answers_are_kept_for_one_state_of_the_program(sealed_case, monkeypatch):
+    folder, name, _ = sealed_case
+    asked = []
+    monkeypatch.setattr(answer, "_run", lambda command, where: asked.append(command) or (1, "error: no"))
+    assert answer.ask(folder, name, "one")["complaint"] == "error: no"
+    answer.ask(folder, name, "one")
+    assert len(asked) == 1
+    answer.ask(folder, name, "two")
+    assert len(asked) == 2 and asked[0].count("--pair") == 3 and not any(name in word for word in asked[0])
+
+
+def test_a_failure_of_the_program_is_an_answer(tmp_path):
+    data = Folder(tmp_path).data("x")
+    data.mkdir(parents=True)
+    for what in ("target", "recording"):
+        (data / f"{what}_0.tif").write_bytes(b"nothing")
+    told = answer.ask(tmp_path, "x", "code")
+    assert told["status"] == 1 and "target_0.tif" in told["complaint"]
+    assert judge.said(told)["verdict"] == "failed"
+
+
+def test_names_classes_sides_and_intervals_are_judged():
+    right = finding("vignetting", "curl", vignetting={"strength": {"value": 0.06, "low": 0.04, "high": 0.08}})
+    found = judge.scored(truth("single", effect("vignetting")), diagnosis("ambiguous", right))
+    assert found["held"] == [True] and found["exact"] == [False] and not found["misnamed"] and not found["spurious"]
+    assert found["intervals"][0]["covered"] and found["intervals"][0]["parameter"] == "vignetting.strength"
+    wrong = judge.scored(
+        truth("single", effect("vignetting", value=0.2)),
+        diagnosis("identified", finding("field-curvature", side="measurement"), right),
+    )
+    assert wrong["misnamed"] and wrong["wrong_side"] and wrong["spurious"] == 1 and not wrong["first_held"]
+    assert wrong["first_alike"] and wrong["held"] == [True] and not wrong["intervals"][0]["covered"]
+    unsure = judge.scored(truth("single", effect("vignetting")), diagnosis("unexplained", finding("curl")))
+    assert not unsure["misnamed"] and not unsure["wrong_side"] and unsure["detected"]
+
+
+def test_a_place_is_right_where_a_small_box_holds_the_spot():
+    spot = truth("outside", effect("particle", "height_um", x_um=3.0, y_um=-4.0))
+    box = {"x_um": [1.0, 4.0], "y_um": [-6.0, -3.0]}
+    assert judge.scored(spot, diagnosis("unexplained", locations=[box]))["place"] is True
+    for far in ({"x_um": [9.0, 12.0], "y_um": [-6.0, -3.0]}, {"x_um": [-18.0, 18.0], "y_um": [-18.0, 18.0]}):
+        assert judge.scored(spot, diagnosis("unexplained", locations=[far]))["place"] is False
+    assert judge.scored(truth("single", effect("curl")), diagnosis("none"))["place"] is None
+
+
+def test_errors_of_the_seven_are_shares_of_their_ranges():
+    what = truth("null")
+    what["process"]["threshold"] = 0.59
+    found = judge.scored(what, diagnosis("none"))["seven"]["baseline"]
+    assert found["threshold"] == pytest.approx(-0.09 / 0.9) and found["shrinkage_min"] == 0
+
+
+@pytest.mark.parametrize(
+    ("what", "labels"),
+    [
+        (truth("single", effect("curl")), ["name hidden"]),
+        (truth("single", effect("curl", calibration=0.6)), ["absorbed by calibration"]),
+        (truth("absorbed", effect("astigmatism")), ["absorbed by calibration"]),
+        (truth("pair", effect("curl"), effect("galvo-lag")), ["hidden behind another effect"]),
+        (truth("single", effect("galvo-lag", levelling=0.9)), ["removed by levelling or registration"]),
+        (truth("single", effect("curl", times=1.0, levelling=0.9)),
+         ["removed by levelling or registration", "near the noise"]),
+        (truth("null"), []),
+        (truth("outside", effect("particle", "height_um")), []),
+    ],
+)  # fmt: skip
+def test_concealment_is_told_by_what_takes_the_signature(what, labels):
+    assert judge.concealments(what) == labels and set(labels) <= set(judge.CONCEALMENTS)
+
+
+def test_wilson_interval_holds_the_share_and_narrows():
+    assert table.wilson(0, 60) == pytest.approx([0.0, 0.0602], abs=1e-3)
+    assert table.wilson(57, 60) == pytest.approx([0.863, 0.983], abs=2e-3)
+    assert table.wilson(0, 0) == [0.0, 1.0]
+
+
+def test_every_name_of_the_library_stands_in_one_class():
+    names = [name for several in table.CLASSES.values() for name in several]
+    assert sorted(names) == sorted(library())
+
+
+def test_every_number_names_its_cases_and_failures_count_as_wrong(cases):
+    lines = {(line.group, line.what): line for line in table.rows(cases)}
+    assert all(len(line.cases) == len(line.hits) for line in lines.values())
+    assert set(lines["null", "anything said"].cases) == {"a", "b"} and lines["null", "anything said"].value == 0.5
+    detected = lines["single", "detected from twice the limit on"]
+    assert dict(zip(detected.cases, detected.hits, strict=True)) == {"c": True, "d": False, "e": False}
+    assert lines["all", "cases answered without failure"].value == pytest.approx(5 / 6)
+    assert lines["outside", "from SNR 10 on: unexplained"].value == 1.0
+    assert lines["size", "relative error of the strength, median"].value == pytest.approx(0.2)
+    for label in judge.CONCEALMENTS:
+        assert any(line.group == f"concealed: {label}" for line in lines.values())
+
+
+def test_confusion_counts_every_case_once(cases):
+    truths, answers, counts = table.confusion(cases)
+    assert counts.sum() == len(cases)
+    assert counts[truths.index("dome"), answers.index("dome")] == 1
+    assert counts[truths.index("nothing"), answers.index("dome")] == 1
+    assert counts[truths.index("dome"), answers.index("failed")] == 1
+
+
+def test_methods_are_compared_on_the_structure_kept(cases):
+    errors = {"seven": 0.05, "smooth": 0.06, "stepwise": 0.03, "oracle": 0.0}
+    beside = {m: {"rmse_um": 0.02, "unseen_um": e} for m, e in errors.items()}
+    beside["stepwise"]["names"] = ["curl", "batwings"]
+    found = {(line.group, line.what): line.value for line in table.rows([{**cases[2], "baselines": beside}])}
+    gap = "gap between seven and oracle closed on the structure kept, median"
+    assert found["method: diagnose", gap] == pytest.approx(1 - 0.01**2 / 0.05**2)
+    assert found["method: oracle: true effect known", gap] == 1 and found["method: seven parameters alone", gap] == 0
+    assert found["method: seven + smooth discrepancy", gap] < 0
+    assert found["method: stepwise BIC", "first name is a true one"] == 0
+    assert found["method: diagnose", "first name is a true one"] == 1
+
+
+def test_page_shows_what_stands_in_its_json(cases, tmp_path):
+    page.publish(tmp_path, cases, {"seed": 1, "code": "f" * 64, "cases": {}}, command="make prove", every=6)
+    text, summary = (tmp_path / "README.md").read_text(), json.loads((tmp_path / "summary.json").read_text())
+    assert {case["name"] for case in json.loads((tmp_path / "cases.json").read_text())["cases"]} == set("abcdef")
+    for line in summary["rows"]:
+        if line["count"] and "hit" in line:
+            assert f"{line['hit']} of {line['count']} = {line['value']:.1%}" in text
+    for picture in ("confusion", "detection", "unseen", "intervals"):
+        assert (tmp_path / f"{picture}.png").stat().st_size > 5000 and f"({picture}.png)" in text
+    assert all(label in text for label in judge.CONCEALMENTS)
+    listed_wrong = text.split("## Every case")[1]
+    assert all(f"| `{name}` |" in listed_wrong for name in "bde")
+    assert not any(f"| `{name}` |" in listed_wrong for name in "acf")
+
+
+def test_stepwise_bic_finds_a_column_in_independent_noise_and_stops():
+    class Column:
+        def __init__(self, name):
+            self.name = name
+
+    rng = np.random.default_rng(0)
+    columns, base = rng.standard_normal((3000, 4)), np.linalg.qr(rng.standard_normal((3000, 2)))[0]
+    residual = 0.4 * columns[:, 2] + rng.standard_normal(3000)
+    chosen, names = _forward([Column(n) for n in "abcd"], columns, residual, base)
+    assert names == ["c"] and chosen[0][1] == pytest.approx(0.4, abs=0.06)
