@@ -41,6 +41,13 @@ demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, predi
 test: $(VENV)/.installed ## Run the tests
 	$(BIN)/python -m pytest
 
+.PHONY: fuzz test-crash
+fuzz: $(VENV)/.installed ## Bad files against every reader (about an hour; FUZZ="--inputs 1000")
+	$(BIN)/python -m tests.fuzz $(FUZZ)
+
+test-crash: $(VENV)/.installed ## Kill every command while it writes (CRASH="--kills 20")
+	$(BIN)/python -m tests.crash $(CRASH)
+
 check: $(VENV)/.installed ## Lint and check the format
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check

@@ -65,7 +65,12 @@ BAD = {
     "nothing there": ("a.tif", lambda path: None, ["1"], "file: cannot read (No such file or directory)"),
     "not gzip": ("a.txt.gz", data(b"1 2\n3 4\n"), ["1"], "file: damaged gzip"),
     "cut gzip": ("a.txt.gz", data(gzip.compress(b"1 2\n3 4\n" * 9)[:-9]), ["1"], "file: damaged gzip"),
-    "pickle": ("a.npy", npy(np.array([{}, {}], dtype=object)), ["1"], "file: not a readable .npy (Object arrays"),
+    "pickle": (
+        "a.npy",
+        npy(np.array([{}, {}], dtype=object)),
+        ["1"],
+        "file: not a readable .npy (Array can't be memory-mapped: Python objects",
+    ),
     "complex": ("a.npy", npy(MAP * 1j), ["1"], "type: values of type complex64, allowed: integer or float"),
     "words": ("a.npy", npy(np.array([["a", "b"]])), ["1"], "type: values of type <U1"),
     "empty npy": ("a.npy", npy(np.zeros((0, 5))), ["1"], "shape: height map of shape (0, 5)"),

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import dlwpredict
-from dlwpredict.cli.console import with_verbosity
+from dlwpredict.cli.console import fault, with_verbosity
 from dlwpredict.cli.options import joined_pairs
 from dlwpredict.cli.streams import with_streams
 from dlwpredict.errors import InputError
@@ -49,7 +49,7 @@ class _Program(TyperGroup):
             with running(ctx.obj):
                 return super().invoke(ctx)
         except InputError as error:
-            typer.echo(f"error: {error}", err=True)
+            typer.echo(fault(error), err=True)
         except MemoryError:
             typer.echo("error: not enough memory for this input, allowed: fewer points or a coarser pitch", err=True)
         raise typer.Exit(1) from None

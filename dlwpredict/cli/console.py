@@ -14,6 +14,7 @@ from dlwpredict.files.provenance import present_run
 
 _QUIET, _NORMAL, _VERBOSE = range(3)
 _level = _NORMAL
+_LONGEST = 4000  # characters of an error
 
 
 def say(text: str) -> None:
@@ -31,6 +32,16 @@ def detail(text: str) -> None:
 def warn(text: str) -> None:
     """Print a warning on stderr, also with ``--quiet``."""
     typer.echo(f"warning: {text}", err=True)
+
+
+def fault(error: Exception) -> str:
+    """Return what an error says in one line that a terminal can show, whatever stood in the file.
+
+    >>> fault(ValueError("a.tif: found \x1b[2J"))
+    'error: a.tif: found ?[2J'
+    """
+    text = "".join(letter if letter.isprintable() else "?" for letter in str(error))
+    return f"error: {text if len(text) <= _LONGEST else f'{text[: _LONGEST - 100]} ... {text[-100:]}'}"
 
 
 def progress_shown() -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Annotated
@@ -124,13 +125,15 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
     Raises
     ------
     InputError
-        The folder is missing, the path is a folder, two outputs share a path, or the file exists without
+        The folder is missing or read-only, the path is a folder, two outputs share a path, or the file exists without
         ``--overwrite``.
     """
     wanted = [path for path in paths if path is not None]
     for path in wanted:
         if not path.parent.is_dir():
             raise InputError("folder does not exist", where=path, key="output", allowed=f"create {path.parent} first")
+        if not os.access(path.parent, os.W_OK | os.X_OK):
+            raise InputError("folder cannot be written to", where=path, key="output", allowed="another folder")
         if path.is_dir():
             raise InputError("is a folder", where=path, key="output", allowed="give a file name")
         if path.exists() and not overwrite:

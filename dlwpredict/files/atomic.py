@@ -66,7 +66,9 @@ def _whole(path: Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"cannot write ({error.strerror or error})", where=path, key="output") from None
+        raise InputError(
+            f"cannot write ({error.strerror or f'disk full? {error}'})", where=path, key="output"
+        ) from None
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)

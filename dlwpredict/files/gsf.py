@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, float32, um_per, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, float32, require_size, um_per, unmarked
 from dlwpredict.files.key_lines import parse_lines
 from dlwpredict.heightmap import HeightMap
 
@@ -32,6 +32,7 @@ def read_gsf(path: Path, pitch_um: Pair | None) -> Stored:
         raise InputError("not a Gwyddion Simple Field", key="file", allowed=f"first line {_MAGIC.decode().strip()}")
     lines = parse_lines(content[:end].decode("utf-8", "replace"))
     cols, rows = (int(_positive(lines, name)) for name in ("XRes", "YRes"))
+    require_size(cols, rows)
     values = content[end + 4 - end % 4 :]
     if len(values) != 4 * rows * cols:
         raise InputError(

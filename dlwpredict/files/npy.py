@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, require_size, unmarked
 from dlwpredict.heightmap import HeightMap
 
 
@@ -20,12 +20,12 @@ def read_npy(path: Path, pitch_um: Pair | None) -> Stored:
         Not a ``.npy`` file, truncated, or holding anything but integers or floats.
     """
     try:
-        with path.open("rb") as stream:
-            numbers = np.lib.format.read_array(stream, allow_pickle=False)
+        numbers = np.lib.format.open_memmap(path, mode="r")  # takes no memory for what a header only claims
     except Exception as error:  # NumPy meets broken headers with errors of every kind
         raise InputError(f"not a readable .npy ({error})", key="file", allowed="a plain matrix of numbers") from None
     if numbers.dtype.kind not in "uif":
         raise InputError(f"values of type {numbers.dtype}", key="type", allowed="allowed: integer or float")
+    require_size(*numbers.shape)
     return Stored(numbers)
 
 

@@ -6,12 +6,13 @@ highest one, in metres), the pitch also at full precision as ``pitch_x_um`` and 
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, um_per, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, require_size, um_per, unmarked
 from dlwpredict.files.key_lines import key_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
@@ -30,9 +31,14 @@ def read_png(path: Path, pitch_um: Pair | None) -> Stored:
     from PIL import Image
 
     try:
-        with Image.open(path, formats=["PNG"]) as picture:
-            mode, levels = picture.mode, np.asarray(picture)
-            text = dict(picture.text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked here
+            with Image.open(path, formats=["PNG"]) as picture:
+                require_size(*picture.size)
+                mode, levels = picture.mode, np.asarray(picture)
+                text = dict(picture.text)
+    except InputError:
+        raise
     except Exception as error:  # Pillow meets broken files with errors of every kind
         raise InputError(
             f"not a readable PNG ({type(error).__name__})", key="file", allowed="one grey channel of 16 bit"

@@ -31,7 +31,7 @@ def read_stl(path: Path, pitch_um: Pair | None) -> Stored:
     """
     if pitch_um is None:
         raise InputError("an STL has no pixels", key="pitch", allowed="allowed with --pitch-um DX [DY]")
-    triangles = read_triangles(path)
+    triangles = halved(read_triangles(path), np.array(pitch_um))
     return Stored(seen_from_above(triangles, *pitch_um), pitch_um=pitch_um)
 
 
@@ -40,7 +40,8 @@ def read_triangles(path: Path) -> np.ndarray:
     content = path.read_bytes()
     count = int.from_bytes(content[80:_HEAD], "little")
     if len(content) > _HEAD and len(content) == _HEAD + count * _RECORD.itemsize:
-        triangles = np.frombuffer(content, _RECORD, offset=_HEAD)["corners"].astype(float)
+        with np.errstate(invalid="ignore"):  # what is not a number is refused below
+            triangles = np.frombuffer(content, _RECORD, offset=_HEAD)["corners"].astype(float)
     elif content.lstrip()[:5].lower() == b"solid":
         triangles = _ascii_triangles(content)
     else:
@@ -48,6 +49,36 @@ def read_triangles(path: Path) -> np.ndarray:
     if not triangles.size or not np.isfinite(triangles).all():
         raise InputError("no triangles, or not finite", key="triangles", allowed="a mesh of finite corners")
     return triangles
+
+
+def halved(triangles_um: np.ndarray, pitch_um: np.ndarray, most_pixels: float = 2e6) -> np.ndarray:
+    """Halve triangles across their longest edge, seen from above, until none needs many pixels at a time.
+
+    Parameters
+    ----------
+    triangles_um : numpy.ndarray, shape (n, 3, 3)
+    pitch_um : numpy.ndarray, shape (2,)
+    most_pixels : float
+        Pixels in the box around a triangle. A mesh of more than 10⁸ in all is left as it is, for it cannot be read.
+
+    Examples
+    --------
+    >>> plate = np.array([[[0, 0, 1], [8, 0, 1], [8, 8, 1]]])
+    >>> halved(plate, np.array([1.0, 1.0]), most_pixels=40)[:, :, :2].tolist()
+    [[[8.0, 8.0], [4.0, 4.0], [8.0, 0.0]], [[4.0, 4.0], [0.0, 0.0], [8.0, 0.0]]]
+    """
+    with np.errstate(over="ignore"):
+        if np.prod(np.ptp(triangles_um[..., :2], axis=(0, 1)) / pitch_um) > 1e8:
+            return triangles_um
+    while (large := np.prod(np.ptp(triangles_um[..., :2], axis=1) / pitch_um, axis=1) > most_pixels).any():
+        corners = triangles_um[large]
+        edges = np.linalg.norm((corners - np.roll(corners, -1, axis=1))[..., :2], axis=2)
+        order = (edges.argmax(axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = (np.take_along_axis(corners, order[:, k, None, None], axis=1)[:, 0] for k in range(3))
+        middle = (a + b) / 2
+        halves = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        triangles_um = np.concatenate([triangles_um[~large], halves])
+    return triangles_um
 
 
 def _ascii_triangles(content: bytes) -> np.ndarray:

@@ -18,6 +18,8 @@ from dlwpredict.files.key_lines import key_lines, parse_lines, stored_facts
 from dlwpredict.files.text_matrix import matrix_of, without_axes
 from dlwpredict.heightmap import HeightMap
 
+_MOST_PACKED = 200  # how far text may unpack: numbers do so by less than 10, only a bomb by 1000
+_SMALL_BYTES, _LARGEST_BYTES = 2**25, 2**28
 _ENDINGS = (".txt", ".csv", ".asc", ".dat")
 _GWYDDION = re.compile(r"^#\s*(Width|Height|Value units):\s*([-+.\deE]*)\s*(\S*)\s*$", re.MULTILINE)
 
@@ -58,12 +60,7 @@ def write_text(path: Path, height_map: HeightMap) -> list[str]:
 
 
 def _text(path: Path) -> str:
-    content = path.read_bytes()
-    if path.suffix.lower() == ".gz":
-        try:
-            content = gzip.decompress(content)
-        except (OSError, EOFError, zlib.error) as error:
-            raise InputError(f"damaged gzip ({error})", key="file", allowed="a whole .gz") from None
+    content = _unpacked(path) if path.suffix.lower() == ".gz" else path.read_bytes()
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         text = content.decode(encoding)
@@ -72,6 +69,19 @@ def _text(path: Path) -> str:
     if "\0" in text:
         raise InputError("not a text file", key="file", allowed="a matrix of numbers as text")
     return text
+
+
+def _unpacked(path: Path) -> bytes:
+    """Unpack a .gz no further than numbers could have been packed."""
+    most = min(max(_SMALL_BYTES, _MOST_PACKED * path.stat().st_size), _LARGEST_BYTES)
+    try:
+        with gzip.open(path) as stream:
+            content = stream.read(most + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"damaged gzip ({error})", key="file", allowed="a whole .gz") from None
+    if len(content) > most:
+        raise InputError(f"unpacks to more than {most} bytes", key="size", allowed="unpack it first")
+    return content
 
 
 def _gwyddion(comments: str, shape: tuple[int, int]) -> dict:

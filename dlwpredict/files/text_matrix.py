@@ -103,11 +103,13 @@ def _label(cell: str, line: int) -> tuple[InputError | None, str]:
     return None, cell
 
 
-def _row(cells: list[str], line: int) -> list[float]:
+def _row(cells: list[str], line: int) -> np.ndarray:
     try:
-        return [float(cell) for cell in cells]
+        if "_" not in "".join(cells):  # Python would read 1_0 as 10
+            return np.fromiter(map(float, cells), float, len(cells))
     except ValueError:
-        return [_value(cell, line, column) for column, cell in enumerate(cells, 1)]
+        pass
+    return np.array([_value(cell, line, column) for column, cell in enumerate(cells, 1)])
 
 
 def _value(cell: str, line: int, column: int) -> float:
@@ -115,7 +117,7 @@ def _value(cell: str, line: int, column: int) -> float:
     if text.lower() in ("", "bad") or not text.strip("*"):
         return math.nan
     try:
-        return float(text)
+        return float(text.replace("_", "?"))
     except ValueError:
         raise InputError(
             f"found {text[:30]!r} in line {line}, column {column}",

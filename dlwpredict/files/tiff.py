@@ -14,7 +14,7 @@ import numpy as np
 import tifffile
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, float32, um_per
+from dlwpredict.files.formats import Format, Pair, Stored, float32, require_size, um_per
 from dlwpredict.files.key_lines import key_lines, parse_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
@@ -35,7 +35,7 @@ def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
         Not a TIFF, truncated, several pages or channels, not stored upright, or faulty lines in the description.
     """
     try:
-        with tifffile.TiffFile(path) as file:
+        with tifffile.TiffFile(path, is_ome=False) as file:  # OME lets a file name others to be read
             page = file.pages.first
             _require_one_plane(file)
             numbers = _numbers(path, file)
@@ -87,7 +87,9 @@ def _require_one_plane(file: tifffile.TiffFile) -> None:
     if len(file.series) != 1 or len(shape) != 2:
         found = f"{len(file.series)} pictures" if len(file.series) != 1 else f"picture of shape {shape}"
         raise InputError(found, key="channels", allowed="one page with one channel of heights")
+    require_size(*shape)
     page = file.pages.first
+    require_size(*page.shape)
     orientation = page.tags.valueof("Orientation", 1)
     if orientation != 1:
         raise InputError(f"orientation {orientation}", key="orientation", allowed="allowed: 1 (first row on top)")

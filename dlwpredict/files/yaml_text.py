@@ -10,15 +10,23 @@ import yaml
 
 from dlwpredict.errors import InputError
 
+LARGEST_BYTES = 2**23
+
 
 class _PlainLoader(yaml.SafeLoader):
-    """Refuse repeated keys, which YAML parsers otherwise resolve silently."""
+    """Refuse repeated keys, which YAML parsers otherwise resolve silently, and aliases, which can multiply a file."""
+
+    def compose_node(self, parent: Any, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise InputError(f"found the alias *{self.peek_event().anchor}", key="file", allowed="no aliases")
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
+        seen = set()
+        for key in (self.construct_object(key, deep=True) for key, _ in node.value):
+            if key in seen:
                 raise InputError("given twice", key=str(key), allowed="each key once")
+            seen.add(key)
         return super().construct_mapping(node, deep)
 
 
@@ -54,9 +62,11 @@ def read_yaml(path: Path | str) -> Any:
     Raises
     ------
     InputError
-        Not readable, not YAML, with tags (such as Python objects), or with a key given twice.
+        Not readable, too large, not YAML, with tags (such as Python objects), aliases, or a key given twice.
     """
     try:
+        if (size := Path(path).stat().st_size) > LARGEST_BYTES:
+            raise InputError(f"{size} bytes", where=path, key="file", allowed=f"at most {LARGEST_BYTES}")
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot read ({error.strerror})", where=path, key="file") from None

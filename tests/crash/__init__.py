@@ -1,0 +1,1 @@
+"""Commands killed while they write: `python -m tests.crash --kills 50`."""

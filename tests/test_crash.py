@@ -1,0 +1,73 @@
+"""A small part of `make test-crash`: commands killed while they write, full disks, two writers at once."""
+
+import numpy as np
+import pytest
+
+from dlwpredict.errors import InputError
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.atomic import replacing
+from dlwpredict.heightmap import HeightMap
+from tests.crash.checks import full_disk, killed, read_only, refused, small_disk, two_at_once
+from tests.crash.commands import COMMANDS, OTHERS, WRITE_NOTHING, commands, inputs
+
+QUICK = ("design", "convert", "predict", "precompensate", "export-stl")
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("source")
+    inputs(folder)
+    return folder
+
+
+def test_no_command_is_forgotten():
+    assert commands() <= COMMANDS.keys() | WRITE_NOTHING | OTHERS
+
+
+@pytest.mark.parametrize("command", QUICK)
+def test_a_kill_leaves_the_old_output_or_the_new_one(source, tmp_path, command):
+    found = killed(COMMANDS[command], source, tmp_path / "work", kills=4, seed=8)
+    assert found["killed"] + found["came to its end"] == 4
+
+
+@pytest.mark.parametrize("command", QUICK)
+def test_an_output_cut_off_by_the_system_is_refused_and_the_old_one_kept(source, tmp_path, command):
+    """The limit of a process stands for the end of a disk."""
+    said = refused(COMMANDS[command], source, tmp_path, largest=2000)
+    assert "output: cannot write (File too large)" in said or "output: cannot write (disk full?" in said
+
+
+def test_a_full_disk_or_a_closed_folder_is_one_line(source, tmp_path):
+    try:
+        with small_disk(tmp_path / "try", "1m"):
+            pass
+    except OSError as error:
+        pytest.skip(str(error))
+    assert "cannot write (No space left on device)" in full_disk(COMMANDS["convert"], source, tmp_path / "full")
+    assert "folder cannot be written to" in read_only(COMMANDS["convert"], source, tmp_path / "closed")
+
+
+def test_of_two_writers_one_wins_whole(source, tmp_path):
+    first, second = ("convert", "large.tif", "out.csv"), ("convert", "target.tif", "out.csv")
+    assert two_at_once(first, second, source, tmp_path / "work", 3).total() == 3
+
+
+def test_temporary_files_of_the_dead_are_cleared_away_those_of_the_living_are_not(tmp_path):
+    path = tmp_path / "a.tif"
+    with replacing(tmp_path / "b.tif") as living:
+        living.write_text("half")
+        dead = living.with_name(living.name.replace(f"-{living.name.split('-')[2]}-", "-4194304-"))
+        dead.write_text("half")  # no process has this number: it is above the largest of a system
+        write_height_map(path, HeightMap(np.ones((4, 4)), 1, 1))
+        assert living.exists()
+        assert not dead.exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.tif", "b.tif"]
+
+
+def test_a_failure_keeps_the_old_output(tmp_path):
+    path = tmp_path / "a.tif"
+    write_height_map(path, HeightMap(np.ones((4, 4)), 1, 1))
+    with pytest.raises(InputError):
+        write_height_map(path, HeightMap(np.full((4, 4), 1e300), 1, 1))
+    assert (read_height_map(path).heights_um == 1).all()
+    assert list(tmp_path.iterdir()) == [path]
