@@ -36,9 +36,7 @@ def run(
     ] = 0.1,
     max_faces: Annotated[
         int | None,
-        typer.Option(
-            help="Merge triangles where there are more, if --max-error-um allows it.", min=1, show_default=False
-        ),
+        typer.Option(help="Merge triangles if there are more and --max-error-um allows it.", min=1, show_default=False),
     ] = None,
     max_error_um: Annotated[
         float, typer.Option(help="How far merged triangles may be from any height, µm.", **options.LENGTH)
@@ -103,11 +101,9 @@ def merged(
         raise ResultError(
             f"{len(solid.faces)} triangles are needed to stay within {max_error_um:g} µm",
             key="--max-faces",
-            allowed="allow as many, a larger --max-error-um, or convert to a coarser pitch",
+            allowed="allowed: as many, or a larger --max-error-um",
         )
     error_um = largest_distance_um(solid, whole, part)
     if error_um > max_error_um * (1 + 1e-6):
-        raise ResultError(
-            f"the surface is {error_um:.3g} µm off", key="--max-faces", allowed=f"allowed {max_error_um:g}"
-        )
+        raise ResultError(f"surface {error_um:.3g} µm off", key="--max-faces", allowed=f"allowed {max_error_um:g}")
     return solid, error_um
