@@ -24,8 +24,11 @@ from dlwpredict.pages.templates import template
 from dlwpredict.parameters import ParameterSet, Readings, declarations
 from dlwpredict.score import score
 
-MOST_PIXELS = 1_200_000
+MOST_PIXELS = 800_000
 """Pixels of all maps of a page together; at about four bytes each."""
+
+MOST_LINES = 6
+"""Structures that are summed up in a line each."""
 
 MOST_COLUMNS = 4
 """Parameter files side by side in one table."""
@@ -65,7 +68,7 @@ def page(run: Run) -> str:
     return template("report.html").render(
         run=run,
         structures=[_shown(structure, pixels) for structure in run.structures],
-        summaries=[text for structure in run.structures if (text := summary(structure.name, rows))],
+        summaries=summaries(run.structures, rows),
         rows=rows,
         reliefs=view(_reliefs(run.structures)),
         alignments=_facts(run, "alignment"),
@@ -108,7 +111,7 @@ def _compared(
         found = score(reference.with_heights(np.where(stands, reference.heights_um, np.nan)), test)
     except ResultError as error:
         return Figures(structure, name, against, {}, error.what)
-    note = "heights are relative" if found.height_reference == "relative" else ""
+    note = "relative" if found.height_reference == "relative" else ""
     return Figures(structure, name, against, asdict(found) | {"valid_fraction": found.points / stands.sum()}, note)
 
 
@@ -119,6 +122,16 @@ def summary(structure: str, rows: list[Figures]) -> str:
         return ""
     ends = [f"{words.length(row.values['rmse_um'])} ({row.name})" for row in prints]
     return f"{structure}: rmse {' → '.join(dict.fromkeys((ends[0], ends[-1])))}"
+
+
+def summaries(structures: tuple[Structure, ...], rows: list[Figures]) -> list[str]:
+    """Return one line for each structure, or one for all where there are many."""
+    found = [text for structure in structures if (text := summary(structure.name, rows))]
+    if len(found) <= MOST_LINES:
+        return found
+    last = {row.structure: row.values["rmse_um"] for row in rows if row.reference == "target" and row.values}
+    low, middle, high = (words.length(float(value)) for value in np.percentile(list(last.values()), (0, 50, 100)))
+    return [f"{len(last)} structures: rmse of the last print {low} to {high}, median {middle}"]
 
 
 def parameter_tables(files: dict[str, ParameterSet]) -> list[dict[str, Any]]:
@@ -161,8 +174,9 @@ def changed_inputs(run: Run) -> list[tuple[str, str]]:
     for entry in run.entries:
         inputs = entry.provenance.get("inputs")
         for name, digest in inputs.items() if isinstance(inputs, dict) else ():
-            inside = [path for path in known if f"/{name}".endswith(f"/{run.name}/{path}")]
-            if inside and known[max(inside, key=len)] != digest:
+            beside = (Path(entry.path).parent / str(name)).as_posix()
+            inside = [path for path in known if f"/{name}".endswith(f"/{run.name}/{path}") or path in (name, beside)]
+            if inside and digest not in [known[path] for path in inside]:
                 found.append((entry.path, str(name)))
     return found
 

@@ -20,7 +20,7 @@ from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.parameters_yaml import FORMAT as PARAMETERS
 from dlwpredict.files.parameters_yaml import parameters_from
-from dlwpredict.files.provenance import sha256
+from dlwpredict.files.provenance import sha256, stated_by
 from dlwpredict.files.yaml_text import read_yaml
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.pages import words
@@ -214,7 +214,7 @@ def read_run(folder: Path, leave_out: tuple[Path, ...] = ()) -> Run:
                 facts.setdefault(_Place(Path(name).parent.as_posix(), _part_of_record(path)), {})[kind] = content
             else:
                 records[kind][name] = content
-        entries.append(Entry(name, what, sha256(path), _provenance(path, content)))
+        entries.append(Entry(name, what, sha256(path), stated_by(path) or {}))
     if not entries:
         allowed = f"allowed: {', '.join(f'{one}.tif' for one in MAPS)}, parameter files, figures"
         raise InputError("holds nothing that a report shows", where=folder, key="run", allowed=allowed)
@@ -303,17 +303,6 @@ def _read_json(path: Path) -> Any:
         return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"not JSON ({type(error).__name__})", where=path, key="file") from None
-
-
-def _provenance(path: Path, content: Any) -> dict[str, Any]:
-    """Return what a file says of its origin, in itself or in NAME.provenance.yaml beside it."""
-    stated = content.provenance if isinstance(content, ParameterSet) else content
-    stated = stated.get("provenance", {}) if isinstance(content, dict) else stated
-    beside = path.with_name(f"{path.name}.provenance.yaml")
-    if not stated and beside.is_file():
-        written = read_yaml(beside)
-        stated = written.get("provenance") if isinstance(written, dict) else None
-    return stated if isinstance(stated, dict) else {}
 
 
 def _structures(maps: dict[_Place, dict], facts: dict[_Place, dict], run: str) -> tuple[Structure, ...]:
