@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -109,6 +110,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--report", type=Path, help="folder of the result; RUN_DIR/report without")
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args(words)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes started below
     started, report = time.monotonic(), chosen.report or chosen.folder / "report"
     mix, every = (QUICK, EVERY_QUICK) if chosen.quick else (FULL, EVERY)
     try:

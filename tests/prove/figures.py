@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from tests.prove.table import confusion, strongest, wilson
 
 RIGHT, OTHER, WRONG = "#0072B2", "#999999", "#D55E00"  # of Okabe and Ito
+MULTIPLES = (0.3, 0.5, 1, 2, 3, 5)
 EDGES = np.geomspace(0.25, 6.0, 8)
 """Strengths are counted between these."""
 
@@ -61,6 +63,8 @@ def _detection(axes: Axes, results: Sequence[Mapping]) -> None:
     axes.axvline(1, color="0.5", lw=0.8)
     axes.set(xscale="log", xlabel="strength / detection limit", ylabel="share of cases", ylim=(-0.08, 1.08),
              title="Single effects: detection against strength")  # fmt: skip
+    axes.set_xticks(MULTIPLES, [f"{m:g}" for m in MULTIPLES])
+    axes.minorticks_off()
     axes.legend(loc="center right", fontsize=8)
 
 
@@ -79,6 +83,10 @@ def _unseen(axes: Axes, results: Sequence[Mapping]) -> None:
     axes.loglog(ends, ends, color="0.5", lw=0.8)
     axes.set(xlabel="error of the seven parameters alone / nm", ylabel="error with the effects / nm",
              title="A structure that was kept from the program")  # fmt: skip
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     if heard:
         axes.legend(fontsize=8)
 

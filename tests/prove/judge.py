@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,6 +25,11 @@ NEAR_THE_NOISE = 1.5
 
 NEAR_UM, SMALL = 2.0, 0.25
 """A place is right where its box, this much wider, holds the spot, and is no larger than this share of the map."""
+
+JUDGE = hashlib.sha256(
+    b"".join((Path(__file__).parent / name).read_bytes() for name in ("judge.py", "baselines.py", "linear.py"))
+).hexdigest()
+"""State of the judge: results of another one are made anew."""
 
 CONCEALMENTS = (
     "name hidden",
@@ -57,11 +63,13 @@ def judged(folder: Path, name: str, seal: Mapping, *, beside: bool) -> dict:
     answer, kept = json.loads(place.answer(name).read_text()), place.result(name)
     if kept.exists():
         result = json.loads(kept.read_text())
-        if result["code"] == answer["code"] and (not beside or result["baselines"]):
+        if (result["code"], result["judge"]) == (answer["code"], JUDGE) and (not beside or result["baselines"]):
             return result
     truth = opened(folder, name, seal)
-    result = {"name": name, "sealed": seal["truth"], "code": answer["code"], "seconds": answer["seconds"],
-              "truth": truth, "concealed": concealments(truth), **said(answer), "baselines": {}}  # fmt: skip
+    result = {
+        "name": name, "sealed": seal["truth"], "code": answer["code"], "judge": JUDGE, "seconds": answer["seconds"],
+        "truth": truth, "concealed": concealments(truth), **said(answer), "baselines": {},
+    }  # fmt: skip
     if answer["status"] == 0:
         result |= scored(truth, answer["diagnosis"])
         result["unseen_um"] = unseen(place, name, truth, answer)
