@@ -224,6 +224,8 @@ BAD_GWY = {
     "cut": (FILES["a.gwy"][:-30], "file: not a whole"),
     "text without end": (b"GWYP" + make.gwy_object("GwyContainer", [b"title\0sHeight"]), "file: not a whole"),
     "endless list": (b"GWYP" + make.gwy_object("GwyContainer", [b"a\0S\xff\xff\xff\xff"]), "file: not a whole"),
+    "name without type": (b"GWYP" + make.gwy_object("GwyContainer", [b"abc\0"]), "file: not a whole"),
+    "number cut": (b"GWYP" + make.gwy_object("GwyContainer", [b"a\0d123"]) + b"45678", "file: not a whole"),
     "unknown type": (b"GWYP" + make.gwy_object("GwyContainer", [b"a\0?1234567"]), "file: not a whole"),
     "no channel": (b"GWYP" + make.gwy_object("GwyContainer", []), "channels: no channel of heights"),
     "volts only": (make.gwy([("U", make.gwy_field(F, unit="V"))]), "channels: no channel of heights"),
@@ -276,6 +278,10 @@ COMMENT = "<Record2><Date>2020-01-01T00:00:00</Date><Comment>{}</Comment></Recor
 BAD_X3P = {
     "no zip": (b"hello world", "file: not a readable zip"),
     "cut": (FILES["float.x3p"][:-40], "file: not a readable zip"),
+    "names differ": (
+        FILES["float.x3p"].replace(b"main.xml", bytes(range(1, 9)), 1),
+        "file: not a readable zip (File name in directory",
+    ),
     "no xml": (make.x3p("", []), "file: not a readable x3p (main.xml is not valid XML"),
     "laughs": (
         with_xml(make.main_xml(F.shape, prolog=LAUGHS + "]>", extra=COMMENT.format("&l9;"))),
@@ -486,6 +492,7 @@ def test_damaged_instrument_files_are_read_or_refused(tmp_path_factory, name, se
     except InputError as error:
         assert str(path) in str(error)
         assert "\n" not in str(error)
+        assert len(str(error)) < len(str(path)) + 300
 
 
 def test_a_file_that_no_reader_takes_gets_one_line(tmp_path):

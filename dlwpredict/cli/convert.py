@@ -51,7 +51,8 @@ def run(
     height_map = read_height_map(
         source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked, channel=channel
     )
-    say(f"{source}: {height_map.summary()}, tilt {' x '.join(f'{slope:.3g}' for slope in tilt_mrad(height_map))} mrad")
+    tilt = " x ".join(f"{round(slope, 2) + 0:g}" for slope in tilt_mrad(height_map))
+    say(f"{source}: {height_map.summary()}, tilt {tilt} mrad")
     for warning in plausibility(height_map):
         warn(f"{source}: {warning}")
     if fill is not None:

@@ -56,6 +56,11 @@ def float32(values: np.ndarray) -> np.ndarray:
     return single
 
 
+def said(error: Exception) -> str:
+    """Return what a library says of a file it cannot read, cut where it quotes the file at length."""
+    return str(error)[:150] or type(error).__name__
+
+
 @dataclass(frozen=True, eq=False)
 class Stored:
     """What a file holds, as it stands there: numbers that still need their unit, and what is said about them.

@@ -43,7 +43,7 @@ def read_gwy(path: Path, pitch_um: Pair | None, channel: str | None = None) -> S
         raise InputError("not a whole Gwyddion file", key="file", allowed="save it again") from None
     numbers = sorted(int(match[1]) for name in container if (match := _CHANNEL.fullmatch(name)))
     numbers = [number for number in numbers if _unit(container[f"/{number}/data"], "si_unit_z") in UM_PER_UNIT]
-    titles = [str(container.get(f"/{number}/data/title", f"channel {number}")) for number in numbers]
+    titles = [str(container.get(f"/{number}/data/title", f"channel {number}"))[:80] for number in numbers]
     number = numbers[chosen_channel(titles, channel)]
     field = container[f"/{number}/data"]
     heights = _matrix(field)
@@ -93,8 +93,10 @@ def _object(content: bytes, start: int, end: int) -> tuple[Components, int]:
     components: Components = {}
     while start < end:
         name, start = _text(content, start, end)
-        kind = chr(content[start])
+        kind = content[start : start + 1].decode("latin-1")
         components[name], start = _value(content, kind, start + 1, end)
+    if start > end:
+        raise ValueError
     return components, end
 
 
@@ -113,7 +115,7 @@ def _value(content: bytes, kind: str, start: int, end: int) -> tuple[Any, int]:
         if stop > end:
             raise ValueError
         return np.frombuffer(content, _ARRAYS[kind], count, start), stop
-    if kind not in "SO":
+    if kind not in ("S", "O"):
         raise ValueError
     values = []
     for _ in range(count):

@@ -14,7 +14,7 @@ import numpy as np
 
 from dlwpredict.errors import InputError
 from dlwpredict.files.channels import chosen_channel
-from dlwpredict.files.formats import Format, Pair, Stored
+from dlwpredict.files.formats import Format, Pair, Stored, said
 
 METROPRO_FIRST_BYTES = (b"\x88\x1b\x03\x6f", b"\x88\x1b\x03\x70", b"\x88\x1b\x03\x71")
 READERS = {
@@ -74,8 +74,7 @@ def read_instrument(path: Path, pitch_um: Pair | None, channel: str | None = Non
         except InputError:
             raise
         except Exception as error:  # the library meets broken files with errors of every kind
-            reason = f"{type(error).__name__}: {error}"[:200]
-            raise InputError(f"not readable as {name} ({reason})", key="file", allowed="a whole file") from None
+            raise InputError(f"not readable as {name} ({said(error)})", key="file", allowed="a whole file") from None
 
 
 def _library() -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored
+from dlwpredict.files.formats import Format, Pair, Stored, said
 
 
 def read_sdf(path: Path, pitch_um: Pair | None) -> Stored:
@@ -21,7 +21,9 @@ def read_sdf(path: Path, pitch_um: Pair | None) -> Stored:
     try:
         surface = sdfio.read(path)
     except Exception as error:  # the library meets broken files with errors of every kind
-        raise InputError(f"not a readable SDF ({error})", key="file", allowed="ISO-1.0, ISO-2.0, BCR-1.0") from None
+        raise InputError(
+            f"not a readable SDF ({said(error)})", key="file", allowed="ISO-1.0, ISO-2.0, BCR-1.0"
+        ) from None
     heights = surface.header.revision.rules.order_rows(surface.data)  # the library turns BCR upside down
     scale = surface.header.x_scale, surface.header.y_scale
     return Stored(heights, pitch_um=pitch_um or (scale[0] * 1e6, scale[1] * 1e6), z_unit="m")

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, float32, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, float32, said, unmarked
 from dlwpredict.files.key_lines import parse_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
@@ -37,7 +37,9 @@ def read_x3p(path: Path, pitch_um: Pair | None) -> Stored:
     try:
         surface = x3pio.read(archive)
     except Exception as error:  # the library meets broken files with errors of every kind
-        raise InputError(f"not a readable x3p ({error})", key="file", allowed="a surface of ISO 25178-72") from None
+        raise InputError(
+            f"not a readable x3p ({said(error)})", key="file", allowed="a surface of ISO 25178-72"
+        ) from None
     header = surface.header
     if not isinstance(surface, x3pio.Surface) or len(surface.layers) != 1:
         found = f"{type(surface).__name__.lower()} of {len(surface.layers)} layers"
@@ -85,7 +87,7 @@ def _unpacked(path: Path) -> io.BytesIO:
                     content = stream.read(most + 1)
                 if len(content) > most:
                     raise InputError(
-                        f"{member.filename} unpacks to more than {most} bytes",
+                        f"{member.filename[:80]} unpacks to more than {most} bytes",
                         key="size",
                         allowed=f"at most {LARGEST_BYTES} bytes in all, {LARGEST_XML_BYTES} of XML",
                     )
@@ -94,7 +96,7 @@ def _unpacked(path: Path) -> io.BytesIO:
     except InputError:
         raise
     except Exception as error:  # zipfile meets broken archives with errors of every kind
-        raise InputError(f"not a readable zip ({error})", key="file", allowed="an x3p is a zip archive") from None
+        raise InputError(f"not a readable zip ({said(error)})", key="file", allowed="an x3p is a zip archive") from None
     copy.seek(0)
     return copy
 
@@ -102,7 +104,9 @@ def _unpacked(path: Path) -> io.BytesIO:
 def _require_inside(name: str) -> None:
     parts = name.replace("\\", "/").split("/")
     if parts[0] == "" or parts[0].endswith(":") or ".." in parts:
-        raise InputError(f"member {name!r} leads out of the archive", key="path", allowed="names inside the archive")
+        raise InputError(
+            f"member {name[:80]!r} leads out of the archive", key="path", allowed="names inside the archive"
+        )
 
 
 FORMAT = Format("ISO 25178-72 x3p", (".x3p",), read_x3p, write_x3p)
