@@ -34,7 +34,7 @@ $(VENV)/.installed: pyproject.toml
 include $(filter-out configs/workflow.mk,$(wildcard configs/*.mk))  # workflow.mk is for a lab's own folder
 
 # -- the daily targets ------------------------------------------------------------------------
-.PHONY: demo test check format clean
+.PHONY: demo test check format docs clean
 demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, predict, score, correct, STL
 	@$(BIN)/python -m tests.bench.demo $(DEMO)
 
@@ -55,6 +55,9 @@ check: $(VENV)/.installed ## Lint and check the format
 format: $(VENV)/.installed ## Format the code
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
+
+docs: $(VENV)/.installed ## Write docs/commands.md from the commands; a test fails while it is stale
+	$(BIN)/python docs/make.py
 
 clean: ## Remove the environment and all runs
 	rm -rf $(VENV) $(RUNS) *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -8,6 +8,7 @@
 #
 #   results/process.yaml        the process, learned from all recordings together; calibration.yaml its figures and warnings
 #   results/PART[--NOTE]/       recording.tif, aligned.tif and align.yaml, predicted.tif, score.json and score.png
+#                               (the prediction against the recording)
 #   results/PART/               target.tif, corrected.tif and corrected.stl, of every target, recorded or not
 #   results/report.html         all of it on one page
 #
@@ -56,12 +57,10 @@ $(foreach n,$(NAMES),$(if $(word 2,$(call found,recordings,$(n))),$(error record
 $(foreach n,$(NAMES),$(if $(filter $(call part,$(n)),$(PARTS)),,$(error recordings: $(n) has no target $(call part,$(n)) in targets)))
 
 # What a recording shows: the map that was written, or the target.
-design = $(or $(call found,written,$(1)),results/$(call part,$(1))/target.tif)
-
-REPORT := $(shell $(DLW) report --help >/dev/null 2>&1 && echo results/report.html)
+design = results/$(if $(call found,written,$(1)),$(1)/written,$(call part,$(1))/target).tif
 
 .PHONY: all align calibrate correct clean
-all: align calibrate correct $(REPORT)
+all: align calibrate correct results/report.html
 align: $(foreach n,$(NAMES),results/$(n)/aligned.tif)
 calibrate: results/process.yaml $(foreach n,$(NAMES),results/$(n)/score.json)
 correct: $(foreach p,$(PARTS),results/$(p)/corrected.stl)
@@ -99,6 +98,14 @@ results/$(1)/score.json: results/$(1)/predicted.tif results/$(1)/aligned.tif
 	$$(DLW) score $$^ --part-only --json $$@ --plot $$(@D)/score.png --overwrite --quiet
 endef
 $(foreach n,$(NAMES),$(eval $(call rules_of_recording,$(n))))
+
+# $(1) = PART--NOTE
+define rule_of_written
+results/$(1)/written.tif: $(call found,written,$(1))
+	@mkdir -p $$(@D)
+	$$(DLW) convert $$< $$@ --overwrite
+endef
+$(foreach n,$(NAMES),$(if $(call found,written,$(n)),$(eval $(call rule_of_written,$(n)))))
 
 results/process.yaml: $(START) $(foreach n,$(LEARNT),$(call design,$(n)) results/$(n)/aligned.tif)
 	$(DLW) calibrate $(foreach n,$(LEARNT),--pair $(call design,$(n)) results/$(n)/aligned.tif) \

@@ -94,13 +94,14 @@ def test_two_jobs_make_everything(made):
     for name in ("air", "air--second", "cin"):
         for file in ("recording.tif", "aligned.tif", "align.yaml", "predicted.tif", "score.json", "score.png"):
             assert (results / name / file).is_file(), (name, file)
+    assert (results / "report.html").stat().st_size > 1e5
     for part in ("air", "cin", "new"):
         assert (results / part / "corrected.stl").stat().st_size > 84
     found = read_parameters(results / "process.yaml").paper  # each made on the same pixels: the truth comes back
     assert found.threshold == pytest.approx(0.4, abs=0.02)
     assert found.shrinkage_max == pytest.approx(0.9, abs=0.01)
     said = (results / "process.yaml").read_text()
-    assert "written/air--second.tif" in said
+    assert "results/air--second/written.tif" in said
     assert "results/cin" not in said
     corrected, target = (read_height_map(results / "air" / f"{name}.tif") for name in ("corrected", "target"))
     reprinted = predict(corrected, TRUTH).heights_um

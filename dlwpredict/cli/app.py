@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import platform
+import re
 import sys
+from importlib import metadata
 from typing import Annotated
 
 import typer
@@ -66,15 +69,31 @@ app = typer.Typer(
 
 def _show_version(value: bool) -> None:
     if value:
-        typer.echo(dlwpredict.__version__)
+        typer.echo(f"dlwpredict {dlwpredict.__version__}")
+        typer.echo(f"python {platform.python_version()}")
+        for name in libraries():
+            typer.echo(f"{name} {version_of(name)}")
         raise typer.Exit
+
+
+def libraries() -> list[str]:
+    """Return the libraries that this program depends on, those of extras included."""
+    return [re.match(r"[\w-]+", one)[0] for one in metadata.requires("dlwpredict") or []]
+
+
+def version_of(library: str) -> str:
+    """Return the version of a library as it is installed."""
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 @app.callback()
 def _program(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and those of the libraries, and exit."),
     ] = False,
 ) -> None:
     """Predict, calibrate, correct and diagnose prints made by multi-photon lithography."""

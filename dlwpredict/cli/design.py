@@ -68,7 +68,7 @@ def as_option(option: inspect.Parameter, declaration: Declaration) -> object:
     unit = "" if declaration.unit == "1" else f" {declaration.unit}"
     allowed = f" ({declaration.low:.10g} to {declaration.high:.10g}{unit})" if kind_of_value is not bool else ""
     flag = f"--{option.name.replace('_', '-')}"
-    length = options.LENGTH if kind_of_value is float and unit == " µm" else {}
+    length = options.LENGTH if kind_of_value in (float, float | None) and unit == " µm" else {}
     meaning = f"{declaration.meaning[0].upper()}{declaration.meaning[1:]}{allowed}."
     return Annotated[kind_of_value, typer.Option(flag, help=meaning, **length)]
 

@@ -1,0 +1,158 @@
+"""The documentation is true: the reference is fresh, examples and tutorial run, links lead somewhere."""
+
+import os
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from dlwpredict.cli import app
+from dlwpredict.designs import air, cin
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
+from dlwpredict.parameters import Paper, ParameterSet, declarations
+from dlwpredict.process import predict
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+
+
+def commands(group=None, name=""):
+    """Return every command by its words, those of groups included."""
+    found = {}
+    for word, command in (group or get_command(app)).commands.items():
+        words = f"{name} {word}".strip()
+        found |= commands(command, words) if hasattr(command, "commands") else {words: command}
+    return found
+
+
+def example(command):
+    lines = [line.strip()[2:] for line in (command.help or "").splitlines() if line.strip().startswith("$ ")]
+    return lines[0] if lines else None
+
+
+def test_the_reference_is_what_the_commands_say():
+    """With another typer the wording may differ, the headings and options may not."""
+    kept = (DOCS / "commands.md").read_text(encoding="utf-8")
+    made = runpy.run_path(str(DOCS / "make.py"))["commands"]()
+    if f"typer {metadata.version('typer')};" in kept:
+        assert made == kept, "docs/commands.md is stale: make docs"
+    names = re.compile(r"^#+ .*$|`--?[a-z][\w-]*", re.MULTILINE)
+    assert sorted(names.findall(made)) == sorted(names.findall(kept)), "docs/commands.md is stale: make docs"
+
+
+def test_every_command_has_an_example_of_its_own():
+    assert {name: example(command) for name, command in commands().items() if not example(command)} == {}
+    for name, command in commands().items():
+        assert example(command).startswith(f"dlwpredict {name}"), name
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A folder with small files under the names of the examples."""
+    folder = tmp_path_factory.mktemp("bench")
+    truth = ParameterSet(Paper(threshold=0.4, shrinkage_max=0.9))
+    write_parameters(folder / "process.yaml", truth)
+    generator = np.random.default_rng(1)
+    (folder / "runs" / "demo" / "air").mkdir(parents=True)
+    for name, part in (
+        ("air", air(size_um=20, pitch_um=0.5, margin_um=4)),
+        ("cin", cin(size_um=20, pitch_um=0.5, margin_um=4)),
+    ):
+        printed = predict(part, truth).heights_um
+        recording = part.with_heights(printed + generator.normal(0, 0.01, part.shape))
+        for place, one in (("", part), ("_aligned", recording)):
+            write_height_map(folder / f"{name}{place}.tif", one)
+    for names in (
+        ("air", "target", "corrected", "runs/demo/air/target"),
+        ("air_aligned", "recording", "aligned", "runs/demo/air/aligned"),
+    ):
+        for name in names[1:]:
+            shutil.copy(folder / f"{names[0]}.tif", folder / f"{name}.tif")
+    np.savetxt(folder / "scan.txt", 1e-6 * read_height_map(folder / "recording.tif").heights_um, delimiter="\t")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(commands()))
+def test_the_example_runs(name, bench, tmp_path, monkeypatch):
+    shutil.copytree(bench, tmp_path / "bench")
+    monkeypatch.chdir(tmp_path / "bench")
+    command = commands()[name]
+    words = shlex.split(example(command))[1:]
+    if name == "verify":  # the files must say what they were made from
+        for before in ("calibrate", "precompensate", "export-stl"):
+            again = example(commands()[before]).replace(" part.stl", " corrected.stl")
+            assert CliRunner().invoke(app, [*shlex.split(again)[1:], "--overwrite"]).exit_code == 0
+    if any("--overwrite" in getattr(option, "opts", ()) for option in command.params):
+        words.append("--overwrite")
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    for option in ("-o", "--json", "--plot", "--report", "--params-out"):
+        if option in words:
+            assert Path(words[words.index(option) + 1]).stat().st_size > 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_the_tutorial_runs(tmp_path):
+    text = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+    script = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+    assert script.count("dlwpredict ") >= 10
+    shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    result = subprocess.run(
+        ["bash", "-euc", script], cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    made = tmp_path / "tutorial"
+    assert (made / "cin_corrected.stl").stat().st_size > 1000
+    target, aligned, following = (
+        read_height_map(made / f"{name}.tif").heights_um for name in ("cin_target", "cin_aligned", "cin_next")
+    )
+    inside = slice(40, -40), slice(40, -40)
+    before, after = (np.sqrt(np.nanmean((one - target)[inside] ** 2)) for one in (aligned, following))
+    assert after < 0.2 * before
+
+
+def test_links_lead_to_files():
+    for page in [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "configs" / "README.md"]:
+        for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            if "://" not in link and not link.startswith("#"):
+                assert (page.parent / link.split("#")[0]).exists(), (page.name, link)
+
+
+def test_the_page_on_parameters_says_what_the_program_holds():
+    text = (DOCS / "parameters.md").read_text(encoding="utf-8")
+    for name, (default, known) in declarations(Paper).items():
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}`"))
+        unit = "" if known.unit == "1" else " µm"
+        assert f"| {default if unit == '' else f'{default:g}'}{unit}, {known.low:g} to {known.high:g} |" in row
+
+
+def test_every_parameter_set_of_the_configs_is_read_and_listed():
+    listed = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
+    sets = [path for path in (ROOT / "configs").glob("*.yaml") if "dlwpredict-parameters/1" in path.read_text()]
+    assert len(sets) >= 3
+    for path in sets:
+        paper = read_parameters(path).paper
+        row = next(line for line in listed.splitlines() if line.startswith(f"| `{path.name}`"))
+        assert f"{paper.exposure_fwhm_xy_um:g}, {paper.exposure_fwhm_z_um:g} µm" in row
+        assert f"{paper.crosslink_fwhm_xy_um:g}, {paper.crosslink_fwhm_z_um:g} µm" in row
+
+
+def test_the_version_comes_with_those_of_the_libraries():
+    said = CliRunner().invoke(app, ["--version"]).stdout.split()
+    found = dict(zip(said[::2], said[1::2], strict=True))
+    assert found["numpy"] == metadata.version("numpy")
+    assert found["dlwpredict"] == metadata.version("dlwpredict")
+    assert {"python", "scipy", "typer", "tifffile", "trimesh"} <= found.keys()
