@@ -2,7 +2,6 @@
 
 import base64
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -20,12 +19,12 @@ from dlwpredict.pages.pictures import coarser, worst_place
 from dlwpredict.pages.terminal import lines
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
+from tests.chromium import CHROMIUM, needs_chromium
 
 MEMORY = library()["dose-memory"](gain=0.12, length_um=6.0)
 BASELINE = ParameterSet()
 EXTENDED = replace(BASELINE, effects=(MEMORY,))
 NOISE_UM = 0.02
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 COMMAND = (
     "dlwpredict diagnose --pair air.tif air-print.tif --pair f.tif f-print.tif -o diagnosis.yaml --report report.html"
 )
@@ -255,7 +254,7 @@ def test_parameters_stand_side_by_side_with_dotted_names_for_effects():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here to render the page in")
+@needs_chromium
 def test_chromium_renders_the_page_without_a_complaint(tmp_path, maps):
     written(tmp_path / "report.html", ambiguous(), maps)
     picture = tmp_path / "page.png"
