@@ -444,6 +444,15 @@ def test_real_recordings_are_read_as_their_readme_has_them(name):
 
 @needs_extra
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings not at hand")
+@pytest.mark.parametrize("name", REAL)
+def test_recordings_cut_short_are_refused(tmp_path, name):
+    content = (RECORDINGS / name).read_bytes()
+    source = write(tmp_path, name, content[: len(content) * 3 // 10])
+    assert str(source) in one_line(convert(source, tmp_path / "a.tif"))
+
+
+@needs_extra
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings not at hand")
 def test_the_tilt_of_the_polished_flat_is_told(tmp_path):
     """7.70 mrad along x, 0.19 mrad along y (README of the recordings; it does not say which way y runs)."""
     result = convert(RECORDINGS / "confocal_tilted_flat.plu", tmp_path / "a.tif")
