@@ -6,10 +6,12 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
+from dlwpredict.files.doubts import doubts
 from dlwpredict.files.provenance import present_run
 
 _QUIET, _NORMAL, _VERBOSE = range(3)
@@ -35,7 +37,7 @@ def warn(text: str) -> None:
 
 
 def fault(error: Exception) -> str:
-    """Return what an error says in one line that a terminal can show, whatever stood in the file.
+    r"""Return what an error says in one line that a terminal can show, whatever stood in the file.
 
     >>> fault(ValueError("a.tif: found \x1b[2J"))
     'error: a.tif: found ?[2J'
@@ -49,6 +51,16 @@ def progress_shown() -> bool:
     return _level >= _NORMAL and sys.stderr.isatty()
 
 
+def _pairs(arguments: dict[str, Any]) -> list[tuple[Path, Path]]:
+    """Return which of a command's inputs are target and recording of each other."""
+    files = arguments.get("pair") or []
+    pairs = list(zip(files[::2], files[1::2], strict=False))
+    for names in (("target", "recording"), ("reference", "test")):
+        if arguments.keys() >= set(names):
+            pairs.append(tuple(arguments[name] for name in names))
+    return pairs
+
+
 def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options ``--verbose`` and ``--quiet``, which every command has."""
 
@@ -58,9 +70,14 @@ def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
         if verbose and quiet:
             raise typer.BadParameter("--verbose and --quiet exclude each other")
         _level = _VERBOSE if verbose else _QUIET if quiet else _NORMAL
-        if present := present_run():
-            present.seed = kwargs.get("seed")
-        return run(*args, **kwargs)
+        present = present_run()
+        if present is None:
+            return run(*args, **kwargs)
+        present.seed = kwargs.get("seed")
+        result = run(*args, **kwargs)
+        for text in doubts(present, _pairs(kwargs)):
+            warn(text)
+        return result
 
     signature = inspect.signature(run, eval_str=True)
     extra = [

@@ -31,6 +31,12 @@ def plausibility(height_map: HeightMap) -> list[str]:
     z_range = float(heights.max() - heights.min())
     if not Z_RANGE_UM[0] <= z_range <= Z_RANGE_UM[1]:
         warnings.append(f"z range {z_range:.4g} µm, usual 0.01 to 1000 µm: is the unit right (--z-scale)?")
+    return warnings + clipping(height_map)
+
+
+def clipping(height_map: HeightMap) -> list[str]:
+    """Return a warning where the lowest or the highest height stands at many points; 0, the substrate, is left out."""
+    heights, warnings = height_map.heights_um[~np.isnan(height_map.heights_um)], []
     for name, end in (("lowest", heights.min()), ("highest", heights.max())):
         points = int((heights == end).sum())
         many = end != 0 and points >= CLIPPED_POINTS and points > CLIPPED_SHARE * heights.size
