@@ -26,7 +26,7 @@ GAIN = 3e-5
 """The descent ends when a fresh Jacobian promises less than this share of the cost; on coarse pixels 1e-3."""
 
 
-def fast(problem: Problem, start: Point, *, seed: int = 0) -> Point:
+def fast(problem: Problem, start: Point, *, seed: int = 0, gain: float = GAIN) -> Point:
     """Minimise the loss from a start.
 
     Parameters
@@ -36,6 +36,8 @@ def fast(problem: Problem, start: Point, *, seed: int = 0) -> Point:
     start : Point
     seed : int
         Of the further starts.
+    gain : float
+        Share of the cost below which the last descent stops.
     """
     vectors = _starts(problem, start.vector, seed)
     points = [start]
@@ -52,7 +54,7 @@ def fast(problem: Problem, start: Point, *, seed: int = 0) -> Point:
     other = refocused(problem, best.vector, start.vector)
     places = [best] if np.array_equal(other, best.vector) else [best, problem.at(other, best)]
     best = min((descend(problem, place, gain=1e-3, iterations=8) for place in places), key=lambda point: point.cost)
-    return descend(problem, best, gain=GAIN, iterations=40)
+    return descend(problem, best, gain=gain, iterations=40)
 
 
 def refocused(problem: Problem, vector: np.ndarray, start: np.ndarray) -> np.ndarray:

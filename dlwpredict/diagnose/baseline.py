@@ -32,7 +32,7 @@ def calibrated(recordings: Sequence[Recording], free: Free, seed: int) -> Point:
     problem = Problem(tuple(recordings), free, threads=1)
     start = problem.at(free.start)
     problem = problem.with_loss_scaled(start, robust=True)
-    point = fast(problem, problem.compared(start.vector, start.traces), seed=seed)
+    point = fast(problem, problem.compared(start.vector, start.traces), seed=seed, gain=GAIN)
     problem = problem.with_loss_scaled(point, robust=True).with_free_shift(point)
     return descend(problem, problem.compared(point.vector, point.traces), gain=GAIN, iterations=10)
 
@@ -57,9 +57,6 @@ def noises(
 ) -> list[NoiseEstimate]:
     """Estimate every recording's noise: from its repeats where there are any, else from the residual.
 
-    What may be in the residual takes some of the noise with it, most where the noise is correlated widely. So noise is
-    drawn from every estimate, estimated again in the same way, and the mean error of all recordings is taken back.
-
     Parameters
     ----------
     recordings : sequence of Recording
@@ -75,7 +72,7 @@ def noises(
         Of the drawn noise.
     """
     kinds = [(known.model.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
-    found, errors, rng = [], [], np.random.default_rng(seed)
+    found = []
     for recording, residual, design, others, kind in zip(
         recordings, residuals_um, designs, repeats, kinds, strict=True
     ):
@@ -85,11 +82,8 @@ def noises(
             used, source = used & np.isfinite(difference), "repeats"
             residual, design = np.where(used, difference, 0.0), smooth_forms(recording.target)
         forms = compressed(design, used)
-        found.append(estimate(residual, used, pitch, forms, kind, source=source))
-        drawn = np.where(used, found[-1].model.simulate(used.shape, rng), 0.0)
-        again = estimate(drawn, used, pitch, forms, (found[-1].model.smoothness,), source=source)
-        errors.append(again.place - found[-1].place)
-    return [noise.moved(-np.mean(errors, axis=0)) for noise in found]
+        found.append(estimate(residual, used, pitch, forms, kind, source=source, seed=seed + len(found)))
+    return found
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

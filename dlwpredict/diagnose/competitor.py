@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.sparse.linalg import spsolve_triangular
 
-from dlwpredict.diagnose.evidence import prior_rows, stack
+from dlwpredict.diagnose.evidence import prior_rows, stack, unwhitened
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.freeform import free_forms
 from dlwpredict.diagnose.screen import Null
@@ -137,11 +136,8 @@ class Beside:
         turn = self._directions(slice(None))
         along = turn.T @ self.residual
         found = self.columns @ (turn @ along)
-        square, points, first = 0.0, 0, 0
-        for item in fitted.data:
-            rows = slice(first, first + item.recording.points)
-            square += float(np.sum(spsolve_triangular(item.matrix, found[rows], lower=True) ** 2))
-            points, first = points + item.recording.points, rows.stop
+        parts = unwhitened(fitted.data, found)
+        square, points = sum(float(part @ part) for part in parts), sum(len(part) for part in parts)
         share = 1 - len(along) / max(float(along @ along), len(along), 1.0)
         return float(np.sqrt(share * square / points))
 

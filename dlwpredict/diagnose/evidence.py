@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import ndimage, sparse
+from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
@@ -143,6 +144,13 @@ def stack(parts: Sequence[np.ndarray], priors: int = 0) -> np.ndarray:
     """Stack the recordings' rows, and as many rows of zeros below as there are rows of priors."""
     rows = np.concatenate(parts)
     return np.concatenate([rows, np.zeros((priors, *rows.shape[1:]))]) if priors else rows
+
+
+def unwhitened(data: Sequence[Whitened], columns: np.ndarray) -> list[np.ndarray]:
+    """Return what whitened columns (rows, columns) are in µm: for every recording, shape (points, columns)."""
+    ends = np.cumsum([item.recording.points for item in data])
+    parts = np.split(columns, ends)[: len(data)]
+    return [spsolve_triangular(item.matrix, part, lower=True) for item, part in zip(data, parts, strict=True)]
 
 
 def nuisance_fit(

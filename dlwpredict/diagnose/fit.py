@@ -27,6 +27,9 @@ from dlwpredict.parameters import ParameterSet
 GAIN = 0.05
 """A descent ends when the next step promises less than this in χ²."""
 
+TRUSTED = 0.8
+"""Share of the promised gain that must come true for derivatives to be updated by the secant, not computed anew."""
+
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less."""
 
@@ -153,8 +156,8 @@ def fit(
     iterations : int
         Most steps.
     secant : bool
-        Update the derivatives by Broyden's secant instead of computing them anew at each step; the derivatives
-        that `known` has are taken from it. Much cheaper, and enough to rank candidates.
+        Take the derivatives that `known` has from it, and never compute them anew, even where a step does not keep
+        its promise. Much cheaper, and enough to rank candidates.
     """
     problem = Problem(tuple(bare(item.recording) for item in data), free, threads=1)
     vector = free.allowed(np.array(free.start if start is None else start))
@@ -166,13 +169,16 @@ def fit(
         if promised < GAIN:
             break
         trial = _at(problem, now.data, vector, now.point)
-        if trial.chi2 >= now.chi2:
+        gained = now.chi2 - trial.chi2
+        if gained <= 0:
             damping = max(100 * damping, 1e-3)
             if damping > 1e3:
                 break
             continue
-        taken = trial.point.vector - now.point.vector
-        jacobian = _secant(now, trial, taken) if secant else _jacobian(problem, trial, None)
+        if secant or gained > TRUSTED * promised:
+            jacobian = _secant(now, trial, trial.point.vector - now.point.vector)
+        else:
+            jacobian = _jacobian(problem, trial, None)
         now, damping = replace(trial, jacobian=jacobian), damping / 10
     return now
 

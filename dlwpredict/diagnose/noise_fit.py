@@ -8,7 +8,7 @@ the length comes out short, and just that makes false alarms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,8 +29,17 @@ OUTLYING = 4.0
 
 LOUD_PX = 3
 
-MOST_POINTS = 2500
-"""Points whose conditional likelihood enters; more would sharpen the estimate beyond need."""
+SEARCHED_POINTS, MOST_POINTS = 2500, 8000
+"""Points whose conditional likelihood enters the search, and the estimate."""
+
+RECENTRED = 3
+"""Times at most that the estimate starts again from where it has led."""
+
+SMALL_STEP = np.array([0.2, 0.1])
+"""Steps in the logit of the share and the logarithm of the length in which the deviance's curvature is looked at."""
+
+REPLICATES = 24
+"""Maps drawn from an estimate on which it is repeated, to learn its error."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +50,7 @@ class NoiseEstimate:
     ----------
     model : Noise
     place, covariance : numpy.ndarray, shapes (3,), (3, 3)
-        Logit of the correlated share of the variance, log length, log scale; and their covariance.
+        Logit of the correlated share of the variance, log length, log scale; and their covariance, both by bootstrap.
     source : str
         What it was estimated from: "repeats" or "residual".
     """
@@ -50,11 +59,6 @@ class NoiseEstimate:
     place: np.ndarray
     covariance: np.ndarray
     source: str
-
-    def moved(self, step: np.ndarray) -> NoiseEstimate:
-        """Return the estimate at another place, at most an e-fold away, shape of the step (3,)."""
-        place = self.place + np.clip(step, -1, 1)
-        return replace(self, model=_floored(_at(self.model, place)), place=place)
 
     def draw(self, rng: np.random.Generator) -> Noise:
         """Return a noise model that the data would allow as well."""
@@ -74,6 +78,9 @@ def estimate(
 ) -> NoiseEstimate:
     """Estimate the noise of a map.
 
+    What may be in the values takes some of the noise with it, most where the noise is correlated widely. So noise is
+    drawn from the estimate and estimated again in the same way; the mean error is taken back, the scatter is reported.
+
     Parameters
     ----------
     values_um : numpy.ndarray, shape (rows, cols)
@@ -87,29 +94,30 @@ def estimate(
         Smoothnesses of the correlation that are tried.
     source : str
     seed : int
-        Of the choice of points.
+        Of the choice of points, and of the drawn noise.
     """
     y, design = values_um[used], smooth[:, used].T
     neighbours = Neighbourhood(used, *pitch_um, near_px=2, far_px=(4, 8, 16))
     draw = np.random.default_rng(seed)
-    likelihood = _Likelihood(neighbours, _some(np.arange(len(y)), draw), y, design)
+    likelihood = _Likelihood(neighbours, _some(np.arange(len(y)), SEARCHED_POINTS, draw), y[:, None], design)
     model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds)
     quiet = likelihood.quiet(model)
     if len(quiet) < len(y):
-        likelihood = replace(likelihood, chosen=_some(quiet, draw))
+        likelihood = replace(likelihood, chosen=_some(quiet, SEARCHED_POINTS, draw))
         model, place = _searched(likelihood, model, (model.smoothness,))
-    pitch = float(np.sqrt(pitch_um[0] * pitch_um[1]))
+    likelihood = replace(likelihood, chosen=_some(quiet, MOST_POINTS, draw))
+    for _ in range(RECENTRED):
+        start = place
+        place, repeated = _repeated(likelihood, _at(model, start), start, draw)
+        if np.abs(place - start).max() < SMALL_STEP.min():
+            break
+    place = place - np.clip(repeated.mean(axis=0) - start, -1, 1)
+    return NoiseEstimate(_floored(_at(model, place)), place, np.cov(repeated.T), source)
 
-    def deviance(place: np.ndarray) -> float:
-        return likelihood.deviance(_at(model, place)) + _weak_prior(place, pitch)
 
-    scatter = _spread_of(deviance, place) * len(y) / len(likelihood.chosen)
-    return NoiseEstimate(_floored(model), place, scatter, source)
-
-
-def _some(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return at most `MOST_POINTS` of the points, in order."""
-    return np.sort(rng.choice(points, MOST_POINTS, replace=False)) if len(points) > MOST_POINTS else points
+def _some(points: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
+    """Return at most so many of the points, in order."""
+    return np.sort(rng.choice(points, most, replace=False)) if len(points) > most else points
 
 
 def _searched(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> tuple[Noise, np.ndarray]:
@@ -122,18 +130,19 @@ def _searched(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> t
         template = replace(like, smoothness=kind)
 
         def profiled(place: np.ndarray, template: Noise = template) -> float:
-            return likelihood.profiled(_at(template, np.array([*place, 0.0])))[0] + _weak_prior(place, pitch)
+            deviance, _ = likelihood.profiled(_at(template, np.array([*place, 0.0])))
+            return float(deviance[0]) + _weak_prior(place, pitch)
 
         start = min(grid, key=profiled)
         found = optimize.minimize(
             profiled, start, method="Nelder-Mead", bounds=[(-5, 7), (np.log(0.5 * pitch), np.log(longest))],
-            options={"xatol": 0.02, "fatol": 0.2, "maxfev": 40,
+            options={"xatol": 0.05, "fatol": 1.0, "maxfev": 40,
                      "initial_simplex": start + np.array([[0, 0], [0.8, 0], [0, 0.4]])},
         )  # fmt: skip
         if found.fun < best:
             best = found.fun
-            scale = likelihood.profiled(_at(template, np.array([*found.x, 0.0])))[1]
-            place = np.array([*found.x, np.log(scale)])
+            _, scale = likelihood.profiled(_at(template, np.array([*found.x, 0.0])))
+            place = np.array([*found.x, np.log(scale[0])])
             model = _at(template, place)
     return model, place
 
@@ -152,7 +161,8 @@ class _Likelihood:
     neighbours : Neighbourhood
     chosen : numpy.ndarray of int
         Points whose conditional density enters.
-    values_um : numpy.ndarray, shape (points,)
+    values_um : numpy.ndarray, shape (points, maps)
+        One map or several, each with a likelihood of its own.
     design : numpy.ndarray, shape (points, columns)
         What may be in the values besides noise.
     """
@@ -162,40 +172,33 @@ class _Likelihood:
     values_um: np.ndarray
     design: np.ndarray
 
-    def profiled(self, model: Noise) -> tuple[float, float]:
-        """Return the deviance at the best multiple of a model, and that multiple."""
-        logs, squares, freedom = self._terms(model)
-        return logs + freedom * np.log(squares / freedom), float(np.sqrt(squares / freedom))
+    def profiled(self, model: Noise) -> tuple[np.ndarray, np.ndarray]:
+        """Return −2 ln L of every map, up to a constant, at the best multiple of a model, and that multiple.
 
-    def deviance(self, model: Noise) -> float:
-        """Return −2 ln L up to a constant."""
-        logs, squares, _ = self._terms(model)
-        return logs + squares
+        All terms are scaled from the chosen points up to all points: the design is one and is not scaled.
+        """
+        maps, share = self.values_um.shape[1], len(self.values_um) / len(self.chosen)
+        coefficients, variances = self.neighbours.rows(model, self.chosen)
+        joined = np.column_stack([self.values_um, self.design])
+        white = _condition(joined, self.neighbours, self.chosen, coefficients, variances)
+        basis, triangle = np.linalg.qr(white[:, maps:])
+        pivots = np.abs(np.diag(triangle))
+        real = pivots > 1e-9 * pivots.max(initial=1e-300)
+        logs = share * np.log(variances).sum() + 2 * np.log(pivots[real]).sum()
+        freedom = len(self.values_um) - int(real.sum())
+        along = basis[:, real].T @ white[:, :maps]
+        squares = np.sum(white[:, :maps] ** 2, axis=0) - np.sum(along**2, axis=0)
+        square = squares / (len(self.chosen) - int(real.sum()))
+        return logs + freedom * np.log(square), np.sqrt(square)
 
     def quiet(self, model: Noise) -> np.ndarray:
         """Return the points far from any whose whitened value is no noise; all of them where those are a third."""
         every = np.arange(len(self.values_um))
-        white = _condition(self.values_um[:, None], self.neighbours, every, *self.neighbours.rows(model))[:, 0]
+        white = _condition(self.values_um[:, :1], self.neighbours, every, *self.neighbours.rows(model))[:, 0]
         loud = np.zeros(self.neighbours.used.shape, dtype=bool)
         loud[self.neighbours.used] = np.abs(white) > OUTLYING
         near = ndimage.binary_dilation(loud, iterations=LOUD_PX)[self.neighbours.used]
         return every if near.mean() > 1 / 3 else every[~near]
-
-    def _terms(self, model: Noise) -> tuple[float, float, int]:
-        """Return the log determinants, the whitened sum of squares beside the design, and the degrees of freedom.
-
-        All are scaled from the chosen points up to all points: the design is one and is not scaled.
-        """
-        coefficients, variances = self.neighbours.rows(model, self.chosen)
-        joined = np.column_stack([self.values_um, self.design])
-        white = _condition(joined, self.neighbours, self.chosen, coefficients, variances)
-        triangle = np.linalg.qr(white[:, [*range(1, white.shape[1]), 0]], mode="r")
-        pivots, share = np.abs(np.diag(triangle)), len(self.values_um) / len(self.chosen)
-        real = pivots[:-1] > 1e-9 * pivots[:-1].max(initial=1e-300)
-        logs = share * np.log(variances).sum() + 2 * np.log(pivots[:-1][real]).sum()
-        freedom = len(self.values_um) - int(real.sum())
-        squares = pivots[-1] ** 2 * freedom / (len(self.chosen) - int(real.sum()))
-        return float(logs), float(squares), freedom
 
 
 def _condition(joined: np.ndarray, neighbours: Neighbourhood, chosen: np.ndarray,
@@ -207,19 +210,35 @@ def _condition(joined: np.ndarray, neighbours: Neighbourhood, chosen: np.ndarray
     return (joined[chosen] - matrix @ joined) / np.sqrt(variances)[:, None]
 
 
-def _spread_of(deviance: Callable[[np.ndarray], float], place: np.ndarray) -> np.ndarray:
-    """Return the covariance of a place: twice the inverse curvature of the deviance, kept positive."""
-    step, size = 0.1, len(place)
-    unit = step * np.eye(size)
-    single = [(deviance(place + e), deviance(place - e)) for e in unit]
-    at = deviance(place)
-    hessian = np.diag([(up - 2 * at + down) / step**2 for up, down in single])
-    for i in range(size):
-        for j in range(i):
-            both = deviance(place + unit[i] + unit[j])
-            hessian[i, j] = hessian[j, i] = (both - single[i][0] - single[j][0] + at) / step**2
-    values, vectors = np.linalg.eigh(hessian / 2)
-    return vectors @ np.diag(1 / np.maximum(values, 4.0)) @ vectors.T
+def _repeated(
+    likelihood: _Likelihood, model: Noise, place: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the place of the values themselves, (3,), and those found alike on maps drawn from a model, (maps, 3).
+
+    For every map a quadratic in (share, length), through nine places around the model's own, stands for its deviance.
+    """
+    used = likelihood.neighbours.used
+    drawn = np.stack([model.simulate(used.shape, rng)[used] for _ in range(REPLICATES)], axis=1)
+    every = replace(likelihood, values_um=np.column_stack([likelihood.values_um, drawn]))
+    pitch = float(np.sqrt(model.dx_um * model.dy_um))
+
+    def deviances(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pairs = [every.profiled(_at(model, np.array([*(place[:2] + step), 0.0]))) for step in steps]
+        prior = [_weak_prior(place[:2] + step, pitch) for step in steps]
+        return np.array([d + p for (d, _), p in zip(pairs, prior, strict=True)]), np.log([scale for _, scale in pairs])
+
+    cross, _ = deviances(SMALL_STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]))
+    bend = (cross[1::2] + cross[2::2] - 2 * cross[0]).mean(axis=1) / SMALL_STEP**2 / 2
+    step = np.clip(1.5 / np.sqrt(np.maximum(bend, 1e-12)), SMALL_STEP / 4, 5 * SMALL_STEP)
+    a, b = nine = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)], dtype=float).T
+    terms = np.linalg.pinv(np.stack([np.ones(9), a, b, a**2 / 2, a * b, b**2 / 2], axis=1))
+    places = []
+    for (_, ga, gb, aa, ab, bb), scale in zip(*((terms @ part).T for part in deviances(step * nine.T)), strict=True):
+        values, vectors = np.linalg.eigh(np.array([[aa, ab], [ab, bb]]))
+        u, v = np.clip(-vectors @ (vectors.T @ np.array([ga, gb]) / np.maximum(values, 0.2)), -3, 3)
+        height = scale @ np.array([1, u, v, u**2 / 2, u * v, v**2 / 2])
+        places.append([*(place[:2] + step * (u, v)), height])
+    return np.array(places[0]), np.array(places[1:])
 
 
 def _at(like: Noise, place: np.ndarray) -> Noise:

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
+from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack, unwhitened
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
 
 POWER = 1.28
 """An effect whose score would exceed the threshold by this much is found nine times in ten."""
+
+COHERENT_UM = 2e-4
+"""Standard deviation of the part that two honest computations of the same physics differ by along any one signature,
+root mean square over the map. An average over ten thousand pixels would see it; no effect is named for it."""
 
 DRAWS = 200
 """Maps of noise that the null distribution is made of."""
@@ -59,6 +63,8 @@ class Screen:
         Linear estimate of the strength, in typical sizes.
     visible : numpy.ndarray, shape (candidates,)
         Score that the typical size would give: what these data can see of the candidate.
+    spread : numpy.ndarray, shape (candidates,)
+        Standard deviation of a score before it was divided by it: 1 for exactly known white noise.
     columns : numpy.ndarray, shape (rows, candidates)
         Projected signatures of length 1.
     trials : float
@@ -68,6 +74,7 @@ class Screen:
     z: np.ndarray
     amplitude: np.ndarray
     visible: np.ndarray
+    spread: np.ndarray
     columns: np.ndarray
     trials: float
 
@@ -91,7 +98,7 @@ def beside(fit_basis: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> Screen:
-    """Score every candidate: z = g⊥·r, in units of what the null gives.
+    """Score every candidate: z = g⊥·r, in units of what the null and numerical differences give.
 
     Parameters
     ----------
@@ -103,18 +110,26 @@ def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> S
     null : Null
     """
     unit, lengths = beside(fitted.basis, columns)
-    components = null.along(unit)
-    spread = np.maximum(components.std(axis=1), 1e-6)
     seen = lengths > 0
-    spread = np.where(seen, spread, np.inf)
+    components = null.along(unit)
+    noise = np.where(seen, np.maximum(components.std(axis=1), 1e-6), np.inf)
+    points = sum(item.recording.points for item in fitted.data)
+    height_um = np.sqrt(sum(np.sum(part**2, axis=0) for part in unwhitened(fitted.data, unit)) / points)
+    numerical = np.divide(COHERENT_UM, height_um, out=np.zeros_like(height_um), where=seen)
+    spread = np.hypot(noise, numerical)
     raw = unit.T @ fitted.residual
     allowed = (signs == 0) | (np.sign(raw) == signs)
-    scores = np.where(allowed, raw / spread, 0.0)
-    nulls = components / spread[:, None]
+    nulls = components / noise[:, None]
     nulls = np.where((signs == 0)[:, None] | (np.sign(nulls) == signs[:, None]), nulls, 0.0)
-    largest = np.abs(nulls).max(axis=0)
     amplitude = np.divide(raw, lengths, out=np.zeros_like(raw), where=seen)
-    return Screen(scores, amplitude, np.where(seen, lengths / spread, 0.0), unit, _trials(largest))
+    return Screen(
+        z=np.where(allowed, raw / spread, 0.0),
+        amplitude=amplitude,
+        visible=np.where(seen, lengths / spread, 0.0),
+        spread=spread,
+        columns=unit,
+        trials=_trials(np.abs(nulls).max(axis=0)),
+    )
 
 
 def _trials(largest: np.ndarray) -> float:

@@ -32,7 +32,8 @@ START_SHARE = 0.5
 """Refits start at this share of the linear strength: the full one may overshoot where the law is not linear."""
 
 INDISTINCT = 9.0
-"""Two effects stay in one class while the refitted runner-up is not this far behind in 2 ln L ..."""
+"""Two effects stay in one class while the refitted runner-up is not this far behind in 2 ln L, in units of the score's
+own variance ..."""
 
 FORM_ERROR = 0.15
 """... nor by the energy of this share of the signature: no formula is trusted further than that."""
@@ -168,14 +169,22 @@ class Search:
                 break
             tried = self.refits(model)
             order = sorted(tried, key=lambda n: tried[n].chi2 + 2 * len(tried[n].free.names))
-            limit = scores.threshold(LEVEL) ** 2
             for name in order[:RIVALS]:
                 tried[name] = _settled(tried[name])
-            convincing = [grown for grown in tried.values() if _convinces(grown, model, limit)]
+            convincing = [grown for name, grown in tried.items() if _convinces(grown, model, self._least(scores, name))]
             if not convincing:
                 break
             model = min(convincing, key=lambda grown: grown.chi2)
         return self._backward(model)
+
+    def _best(self, scores: Screen, name: str) -> int:
+        """Return which of an effect's candidates scores best."""
+        own = [k for k, candidate in enumerate(self.library.chosen) if candidate.name == name]
+        return max(own, key=lambda k: abs(scores.z[k]))
+
+    def _least(self, scores: Screen, name: str) -> float:
+        """Return the gain in 2 ln L that an effect must bring: what noise and numerics together hardly ever give."""
+        return (scores.threshold(LEVEL) * scores.spread[self._best(scores, name)]) ** 2
 
     def added(self, model: Fit) -> list[Effect]:
         """Return the effects that a model has and the baseline has not."""
@@ -205,7 +214,7 @@ class Search:
             if len(self.added(model)) < 2:
                 break
             fewer = without(model, effect.name)
-            if fewer.chi2 - model.chi2 < self.screen(fewer).threshold(LEVEL) ** 2:
+            if fewer.chi2 - model.chi2 < self._least(self.screen(fewer), effect.name):
                 model = _settled(fewer)
         return model
 
@@ -217,16 +226,16 @@ class Search:
     def _named(self, model: Fit, effect: Effect) -> Named:
         rest = without(model, effect.name) if len(self.added(model)) > 1 else self.baseline
         scores = self.screen(rest)
-        own = [k for k, candidate in enumerate(self.library.chosen) if candidate.name == effect.name]
+        best = self._best(scores, effect.name)
         gain = rest.chi2 - model.chi2
-        limit = max(INDISTINCT, FORM_ERROR**2 * gain)
+        limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
         others = [
             Alternative(_effect(fitted, name), fitted.chi2 - model.chi2, fitted)
             for name, fitted in self.refits(rest).items()
             if name != effect.name
         ]
         close = sorted((other for other in others if other.loss < limit), key=lambda other: other.loss)
-        return Named(effect, gain, scores.p_value(np.abs(scores.z[own]).max()), model, rest, tuple(close))
+        return Named(effect, gain, scores.p_value(scores.z[best]), model, rest, tuple(close))
 
 
 def refit(model: Fit, candidate: Candidate, share: float) -> Fit:
