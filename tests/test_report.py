@@ -1,6 +1,7 @@
 """The report of a run folder: what it shows, of whole and of partial runs, and what it refuses."""
 
 import base64
+import copy
 import io
 import json
 import re
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli.app import app
+from dlwpredict.errors import InputError
 from dlwpredict.files import write_height_map
 from dlwpredict.files.parameters_yaml import write_parameters
 from dlwpredict.files.provenance import provenance
@@ -25,7 +27,7 @@ from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.score import score
 from tests.chromium import chromium, needs_chromium
-from tests.test_pages import Reader, images, invented
+from tests.test_pages import Reader, ambiguous, images, invented
 
 LETTER = designs.f(pitch_um=0.5)
 TARGET = LETTER.with_heights(np.where(LETTER.heights_um > 0, LETTER.heights_um + 0.08 * LETTER.x_um, 0))
@@ -276,6 +278,40 @@ def test_bad_runs_are_refused_in_one_line(name, tmp_path):
     assert not (tmp_path / "report.html").exists()
 
 
+ODD = (None, "x", [], {}, [1], {"a": 1}, True, -1, 1e300, float("inf"), float("nan"), "<b>", 0)
+RECORDS = {"d": ambiguous(), "c": CALIBRATION, "align": ALIGNMENT, "pre": CORRECTION}
+
+
+def places(content, path=()):
+    """Return the path of every key and entry of a record."""
+    inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    return [found for key, value in inner for found in [(*path, key), *places(value, (*path, key))]]
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_record_with_anything_in_any_place_gives_a_page_or_one_line(name, tmp_path):
+    rng, refused = np.random.default_rng(7), 0
+    everywhere = [(path, odd) for path in places(RECORDS[name]) for odd in ("gone", *ODD)]
+    for k in rng.permutation(len(everywhere))[:150]:
+        path, odd = everywhere[k]
+        content = inner = copy.deepcopy(RECORDS[name])
+        for key in path[:-1]:
+            inner = inner[key]
+        if odd == "gone":
+            del inner[path[-1]]
+        else:
+            inner[path[-1]] = odd
+        put(tmp_path, **{name: content})
+        try:
+            assert "<b>" not in page(read_run(tmp_path)).replace("<b>These", "").replace("<b>What", "").replace(
+                "<b>Made", ""
+            )
+        except InputError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert 10 < refused < 140
+
+
 @pytest.mark.parametrize("name, said", [("none", "no such folder"), ("file.txt", "is a file")])
 def test_what_is_no_folder_is_refused(name, said, tmp_path):
     (tmp_path / "file.txt").write_text("x")
@@ -357,7 +393,7 @@ def seen(browser, canvas=0):
     return np.asarray(paper.convert("L"), dtype=int), paper.width / wide
 
 
-DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+DRAWN = "new Promise((done) => setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), 1000))"
 
 
 @needs_chromium
@@ -371,11 +407,14 @@ def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, 
         assert (left < 235).mean() > 0.1  # something is drawn,
         assert len(np.unique(left)) > 50  # in many shades,
         assert (left != right).mean() > 0.01  # and the print is not the target
+        browser.run(DRAWN)
+        assert np.array_equal(seen(browser, 0)[0], left)  # it was whole from the first
 
         box = browser.run("JSON.parse(JSON.stringify(document.querySelector('canvas').getBoundingClientRect()))")
         start = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         before = browser.run("[Number(turn.value), Number(tilt.value)]")
         browser.drag(start, (start[0] + 80, start[1] + 30))
+        browser.run(DRAWN)
         assert browser.run("[Number(turn.value), Number(tilt.value)]") == [before[0] + 40, before[1] + 12]
         assert (seen(browser, 0)[0] != left).mean() > 0.05  # both turn
         assert (seen(browser, 1)[0] != right).mean() > 0.05

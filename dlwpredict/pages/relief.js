@@ -30,7 +30,8 @@
     return steps.reduce((best, step) => (Math.abs(Math.log(step / wanted)) < Math.abs(Math.log(best / wanted)) ? step : best));
   }
 
-  function draw(view) {
+  // Draw every point, or, while turning, no more quadrilaterals than are drawn at once.
+  function draw(view, most = Infinity) {
     const canvas = view.querySelector("canvas"), relief = reliefs[view.querySelector("select").value];
     const density = Math.max(2, window.devicePixelRatio || 1), paper = canvas.getContext("2d");
     const W = canvas.clientWidth || 560, H = canvas.clientHeight || 400;
@@ -65,15 +66,20 @@
     for (let i = 0, k = 0; i < rows; i++) for (let j = 0; j < cols; j++, k++)
       [xs[k], ys[k]] = project((j + 0.5) * dx - width / 2, depth / 2 - (i + 0.5) * dy, heights[k]);
     const light = [-0.5 * ct - 0.45 * st, 0.5 * st - 0.45 * ct, 0.74]; // from the left, in front, above; turns with the viewer
-    const order = (n, up) => Array.from({ length: n - 1 }, (_, k) => (up ? k : n - 2 - k));
+    const step = Math.ceil(Math.sqrt(Math.max((rows * cols) / most, 1)));
+    const order = (n, up) => { // where quadrilaterals begin and end, from the back to the front
+      const cuts = Array.from({ length: Math.ceil((n - 1) / step) + 1 }, (_, k) => Math.min(k * step, n - 1));
+      const pairs = cuts.slice(1).map((end, k) => [cuts[k], end]);
+      return up ? pairs : pairs.reverse();
+    };
     const columns = order(cols, st < 0);
     paper.lineWidth = 0.6;
-    for (const i of order(rows, ct > 0)) for (const j of columns) {
-      const a = i * cols + j, b = a + 1, c = a + cols, d = c + 1;
+    for (const [i, below] of order(rows, ct > 0)) for (const [j, right] of columns) {
+      const a = i * cols + j, b = i * cols + right, c = below * cols + j, d = below * cols + right;
       const sum = heights[a] + heights[b] + heights[c] + heights[d];
       if (Number.isNaN(sum)) continue;
-      const slopeX = (stretch * (heights[b] + heights[d] - heights[a] - heights[c])) / (2 * dx);
-      const slopeY = (stretch * (heights[a] + heights[b] - heights[c] - heights[d])) / (2 * dy);
+      const slopeX = (stretch * (heights[b] + heights[d] - heights[a] - heights[c])) / (2 * dx * (right - j));
+      const slopeY = (stretch * (heights[a] + heights[b] - heights[c] - heights[d])) / (2 * dy * (below - i));
       const facing = (light[2] - slopeX * light[0] - slopeY * light[1]) / Math.hypot(slopeX, slopeY, 1);
       const shade = Math.round(Math.min(Math.max(facing, 0), 1) * (SHADES - 1));
       const share = (sum / 4 - low) / (high - low);
@@ -104,14 +110,24 @@
     label(`y ${Number(depth.toPrecision(4))} µm`, (st > 0 ? -width : width) / 2, 0, false);
   }
 
-  let waiting = false;
-  function redraw() {
+  let waiting = false, settling = 0;
+  const tell = () => {
     for (const id of ["turn", "tilt"]) document.getElementById(`${id}-value`).textContent = `${sliders[id].value}°`;
+  };
+  function finish() {
+    clearTimeout(settling);
+    tell();
+    views.forEach((view) => draw(view));
+  }
+  function redraw() {
+    tell();
     if (waiting) return;
     waiting = true;
     requestAnimationFrame(() => {
       waiting = false;
-      views.forEach(draw);
+      views.forEach((view) => draw(view, 2500));
+      clearTimeout(settling);
+      settling = setTimeout(finish, 150);
     });
   }
 
@@ -140,7 +156,7 @@
     view.querySelector("select").addEventListener("change", () => choose(view));
   }
   for (const slider of Object.values(sliders)) slider.addEventListener("input", redraw);
-  window.addEventListener("resize", redraw);
+  for (const change of ["resize", "beforeprint"]) window.addEventListener(change, finish);
   sliders.stretch.value = usualStretch(reliefs[views[0].querySelector("select").value]);
-  redraw();
+  finish();
 })();

@@ -20,7 +20,7 @@ def require(content: Any, needs: Mapping[str, str]) -> None:
         As parsed from YAML or JSON.
     needs : mapping
         Dotted key to kind. After a key, ``[]`` stands for every entry of its list, ``{}`` of its mapping, and ``?``
-        lets it be null; ``?`` after a kind allows null.
+        lets it be absent or null; ``?`` after a kind allows null.
 
     Raises
     ------
@@ -47,10 +47,10 @@ def _values(content: Any, path: str, at: str = "") -> Iterator[tuple[str, Any]]:
     key = f"{at}.{name}" if at else name
     if not isinstance(content, Mapping):
         raise InputError(f"found {_short(content)}", key=at or "file", allowed=f"allowed: {MAPPING}")
+    if optional and content.get(name) is None:
+        return
     if name not in content:
         raise InputError("missing", key=key)
-    if optional and content[name] is None:
-        return
     values = [(key, content[name])]
     for kind in re.findall(r"\[\]|\{\}", every):
         values = [entry for one in values for entry in _entries(*one, list if kind == "[]" else Mapping)]

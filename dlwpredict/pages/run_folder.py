@@ -63,6 +63,13 @@ NEEDS: dict[str, dict[str, str]] = {
         "findings[].side": TEXT,
         "findings[].statement": TEXT,
         "findings[].parameters{}{}.value": f"{NUMBER}?",
+        **{
+            f"findings[].parameters{{}}{{}}.{key}?": kind
+            for key, kind in (("low", NUMBER), ("high", NUMBER), ("unit", TEXT))
+        },
+        "findings[].alternatives?[].name": TEXT,
+        "findings[].alternatives?[].loss": NUMBER,
+        "sentence?": TEXT,
         "findings[].p_value": f"{NUMBER}?",
         **{f"findings[].{key}?.{when}": f"{NUMBER}?" for key in _ERRORS for when in ("before", "after")},
         "remainder.significant": FLAG,
@@ -291,11 +298,21 @@ def _record(path: Path) -> tuple[str, Any]:
     if found:
         with blaming(path):
             require(content, NEEDS[found])
-            if found == "diagnosis" and content["verdict"] not in words.VERDICTS:
-                allowed = f"allowed: {', '.join(words.VERDICTS)}"
-                raise InputError(f"found {content['verdict']!r}", key="verdict", allowed=allowed)
+            if found == "diagnosis":
+                _check_verdict(content)
             content = parameters_from(content) if found == "parameters" else content
     return found, content
+
+
+def _check_verdict(content: dict) -> None:
+    """Refuse a verdict that is none, or that names an effect where none was found."""
+    verdict = content["verdict"]
+    if verdict not in words.VERDICTS:
+        raise InputError(f"found {verdict!r}", key="verdict", allowed=f"allowed: {', '.join(words.VERDICTS)}")
+    if verdict in ("identified", "ambiguous") and not all(
+        [content["findings"], *(f["effects"] for f in content["findings"])]
+    ):
+        raise InputError("names no effect", key="findings", allowed=f"at least one where the verdict is {verdict}")
 
 
 def _read_json(path: Path) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
@@ -9,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from dlwpredict.pages import words
 
 
+@cache
 def template(name: str) -> Template:
     """Return a template of this folder, with the words of `words` as filters and functions."""
     environment = Environment(

@@ -42,6 +42,8 @@ def significant(value: float | None, digits: int = 3) -> str:
         return NONE
     if value == 0:
         return "0"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
     power = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if not -5 < power < 6:
         return f"{value:.{digits - 1}e}"
@@ -84,7 +86,7 @@ def estimate(parameter: Mapping[str, Any]) -> str:
     """
     value, low, high = (parameter.get(key) for key in ("value", "low", "high"))
     unit = "" if parameter.get("unit", "1") == "1" else f" {parameter['unit']}"
-    if _absent(low) or _absent(high) or not high > low:
+    if _absent(low) or _absent(high) or not 0 < high - low < math.inf:
         return significant(value) + unit
     places = max(0, 1 - math.floor(math.log10((high - low) / 2)))
     return f"{value:.{places}f} ({low:.{places}f} to {high:.{places}f}){unit}"
