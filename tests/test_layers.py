@@ -24,6 +24,8 @@ LAYERS = [
     {"align", "calibrate", "precompensate"},
     {"diagnose"},
     {"files"},
+    {"batch"},
+    {"tiling"},
     {"plots"},
     {"transfer_plot"},
     {"pages"},
@@ -34,6 +36,8 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 EXCEPTIONS = {
     ("cli.app", ""): "shows the program's version",
     ("files.provenance", ""): "records the program's version",
+    ("batch.records", ""): "a result of another version is made again",
+    ("tiling.large", ""): "tiles of another version are made again",
 }
 """(importing module, imported name) that may break the rule, each with its reason."""
 

@@ -10,6 +10,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say
+from dlwpredict.cli.large import Scheduler, TilePx, cut, predict_large
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.errors import InputError, blaming
@@ -44,16 +45,24 @@ def run(
         bool,
         typer.Option("--as-measured", help="Add the measurement effects: what the instrument would show."),
     ] = False,
+    tile_px: TilePx = None,
+    scheduler: Scheduler = None,
     plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Predict the printed surface of a target.
+    """Predict the printed surface of a target; large maps tile by tile, on disk, to be resumed where they stopped.
 
     $ dlwpredict predict target.tif -p process.yaml -o predicted.tif
     """
     options.check_outputs(output, plot, overwrite=overwrite)
     check_plot(plot)
     process = read_parameters(parameters)
+    large = cut(target, tile_px, scheduler) if method is Method.fast else None
+    if large is not None:
+        if plot is not None:
+            raise InputError("given for a map cut into tiles", key="--plot", allowed="allowed with --tile-px 0")
+        predict_large(large, target, output, process, tile_px, as_measured, scheduler)
+        return
     part = read_height_map(target)
     if method is Method.voxel:
         slice_um = process.writing.slicing_um or 0.1 if slice_um is None else slice_um

@@ -1,0 +1,137 @@
+"""The engine: one function over many jobs, in this process, in local processes, or on a Dask cluster.
+
+Results are files, written whole by the jobs themselves; what comes back is small. So a worker that dies takes with it
+only the job it was at, and that job is given to another one.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+from dlwpredict.errors import InputError
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+DEATHS = 2
+"""A job is given up after this many local workers have died of it."""
+
+CONNECT_SECONDS = 10
+DIED = "the worker died, out of memory?"
+
+
+def work(
+    function: Callable[[Job], Result], jobs: Sequence[Job], *, processes: int = 1, scheduler: str | None = None
+) -> Iterator[tuple[Job, Result | Exception]]:
+    """Yield every job with its result, or with the exception it ended in, as they come.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module, so that another process finds it by its name; may be called again for a job whose worker died.
+    jobs : sequence
+        Small objects that can be pickled.
+    processes : int
+        Local processes; 1 = this one.
+    scheduler : str, optional
+        Address of a Dask scheduler; its workers do the work. They must see the same files.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers, or the package `distributed` is missing.
+
+    Examples
+    --------
+    >>> list(work(abs, [-1, 2]))
+    [(-1, 1), (2, 2)]
+    """
+    if scheduler is not None:
+        return _on_cluster(function, jobs, scheduler)
+    if processes == 1 or len(jobs) == 1:
+        return ((job, _outcome(function, job)) for job in jobs)
+    return _in_processes(function, jobs, min(processes, len(jobs)))
+
+
+def _outcome(function: Callable[[Job], Result], job: Job) -> Result | Exception:
+    try:
+        return function(job)
+    except Exception as error:
+        return error
+
+
+def _in_processes(
+    function: Callable[[Job], Result], jobs: Sequence[Job], count: int
+) -> Iterator[tuple[Job, Result | Exception]]:
+    """Let each of several threads attend to one process of its own, so that it is known which job a process died of."""
+    own = threading.local()
+    pools: list[ProcessPoolExecutor] = []
+
+    def attend(job: Job) -> Result | Exception:
+        for _ in range(DEATHS):
+            if not hasattr(own, "pool"):
+                # a worker finishes its job on Ctrl-C: only this process stops handing out more
+                ignore = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
+                own.pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), **ignore)
+                pools.append(own.pool)
+            try:
+                return own.pool.submit(function, job).result()
+            except BrokenProcessPool:
+                del own.pool
+            except Exception as error:
+                return error
+        return InputError(DIED)
+
+    threads = ThreadPoolExecutor(count)
+    try:
+        waiting = {threads.submit(attend, job): job for job in jobs}
+        for done in as_completed(waiting):
+            yield waiting[done], done.result()
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _on_cluster(
+    function: Callable[[Job], Result], jobs: Sequence[Job], scheduler: str
+) -> Iterator[tuple[Job, Result | Exception]]:
+    try:
+        from distributed import Client, KilledWorker
+        from distributed import as_completed as as_they_come
+    except ImportError:
+        raise InputError(
+            "needs the package distributed", key="--scheduler", allowed="install dlwpredict[cluster]"
+        ) from None
+    try:
+        client = Client(scheduler, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(
+            f"no scheduler answers at {scheduler} ({reason})",
+            key="--scheduler",
+            allowed="an address as tcp://host:8786",
+        ) from None
+    return _gathered(client, function, jobs, as_they_come, KilledWorker)
+
+
+def _gathered(
+    client: Any, function: Callable[[Job], Result], jobs: Sequence[Job], as_they_come: Any, killed: type[Exception]
+) -> Iterator[tuple[Job, Result | Exception]]:
+    """Yield from the cluster; the scheduler itself gives the job of a dead worker to another one."""
+    with client:
+        waiting = {client.submit(function, job, pure=False): job for job in jobs}
+        for done in as_they_come(list(waiting)):
+            job = waiting.pop(done)
+            try:
+                yield job, done.result()
+            except killed:
+                yield job, InputError(DIED)
+            except Exception as error:
+                yield job, error

@@ -1,0 +1,221 @@
+"""``dlwpredict batch``: many structures through the same commands, on the local cores or on a Dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dlwpredict.batch.chain import Chain, Command, Said, Step, perform
+from dlwpredict.batch.manifest import Structure, read_manifest
+from dlwpredict.batch.workers import work
+from dlwpredict.cli import options
+from dlwpredict.cli.console import progress_shown, say, warn
+from dlwpredict.cli.large import Scheduler
+from dlwpredict.cli.streams import STANDARD
+from dlwpredict.errors import InputError, ResultError, blaming
+
+COMMAND = "batch"
+
+COMMANDS = ("align", "calibrate", "convert", "diagnose", "export-stl", "precompensate", "predict", "score")
+OUTPUTS = ("output", "report", "json_file", "params_out", "plot", "transfer_plot", "unreachable", "maps")
+"""Parameters of these commands that name what is written, the main output first; all other paths are read."""
+
+_alone = threading.Lock()
+_WrongCall = typer.BadParameter.__base__
+
+
+def run(
+    manifest: Annotated[Path, typer.Argument(help="Structures and commands (YAML).", show_default=False)],
+    scheduler: Scheduler = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", help="Structures at once on this machine; as many as cores if absent.", min=1),
+    ] = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Put many structures through the same commands; what is finished, from the same inputs, is not done again.
+
+    $ dlwpredict batch manifest.yaml
+    """
+    folder = manifest.resolve().parent
+    chains = chains_of(manifest, folder, overwrite=overwrite)
+    done: dict[str, list[Step]] = {}
+    try:
+        with _progress(len(chains)) as show:
+            for chain, result in work(perform, chains, processes=jobs or cores(), scheduler=scheduler):
+                done[chain.name] = _died(chain, result) if isinstance(result, Exception) else result
+                show(len(done))
+    except KeyboardInterrupt:
+        raise ResultError(
+            f"interrupted after {len(done)} of {len(chains)} structures",
+            where=manifest,
+            allowed="the same command goes on",
+        ) from None
+    _tell(chains, done)
+    if any(step.state == "failed" for steps in done.values() for step in steps):
+        raise typer.Exit(1)
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def chains_of(manifest: Path, folder: Path, *, overwrite: bool = False) -> list[Chain]:
+    """Read a manifest and check every command line, before any work is done.
+
+    Raises
+    ------
+    InputError
+        What `read_manifest` refuses, a wrong command line, or a file that would be written twice or over an input.
+    """
+    structures = read_manifest(manifest)
+    with blaming(manifest):
+        chains = [
+            Chain(one.name, folder, tuple(command_of(line, n, overwrite) for n, line in enumerate(one.lines)), call)
+            for one in structures
+        ]
+        _check_files(chains, structures, folder)
+    return chains
+
+
+def command_of(words: tuple[str, ...], number: int, overwrite: bool) -> Command:
+    """Return a command line with the files that it reads and writes.
+
+    Raises
+    ------
+    InputError
+        Not a command for a batch, a wrong call, or one that leaves no file.
+    """
+    key = f"commands[{number}]"
+    if words[0] not in COMMANDS:
+        raise InputError(f"found {words[0]}", key=key, allowed=f"allowed: {', '.join(COMMANDS)}")
+    try:
+        given = _parsed(words)
+    except _WrongCall as error:
+        raise InputError(f"{words[0]}: {error.format_message().rstrip('.')}", key=key) from None
+    written = ("target", *OUTPUTS) if words[0] == "convert" else OUTPUTS
+    outputs = [path for name in sorted(given, key=_rank) if name in written for path in given[name]]
+    inputs = [path for name in given if name not in written for path in given[name]]
+    if not outputs or Path(STANDARD) in outputs:
+        raise InputError(f"{words[0]} leaves no file", key=key, allowed="name an output (score: --json FILE)")
+    return Command(words, tuple(inputs), tuple(outputs), overwrite)
+
+
+def _rank(name: str) -> int:
+    return OUTPUTS.index(name) if name in OUTPUTS else 0
+
+
+def _parsed(words: tuple[str, ...]) -> dict[str, list[Path]]:
+    """Return the paths of a command line by the name of their parameter."""
+    # the program collects its commands, this one among them
+    from dlwpredict.cli.app import app
+
+    program = typer.main.get_command(app)
+    around = program.make_context("dlwpredict", [words[0]])
+    command = program.get_command(around, words[0])
+    try:
+        values = command.make_context(words[0], options.joined_pairs(list(words[1:])), parent=around).params
+    except typer.Exit:
+        raise typer.BadParameter("--help is no work") from None
+    found = {name: value if isinstance(value, (list, tuple)) else [value] for name, value in values.items()}
+    return {name: paths for name, several in found.items() if (paths := _paths(several))}
+
+
+def _paths(values: Any) -> list[Path]:
+    return [value for value in values if isinstance(value, Path)]
+
+
+def _check_files(chains: list[Chain], structures: list[Structure], folder: Path) -> None:
+    """Refuse two commands that write one file, and a command that writes over what was given."""
+    writers: dict[Path, str] = {}
+    given: set[Path] = set()
+    for chain in chains:
+        for number, command in enumerate(chain.commands):
+            given |= {path for name in command.inputs if (path := (folder / name).resolve()) not in writers}
+            for name in command.outputs:
+                path, key = (folder / name).resolve(), f"commands[{number}]"
+                if path in writers:
+                    raise InputError(
+                        f"{name} would be written for {writers[path]} and for {chain.name}",
+                        key=key,
+                        allowed="outputs with {name} in them, each once",
+                    )
+                writers[path] = chain.name
+    for chain in chains:
+        for number, command in enumerate(chain.commands):
+            for name in command.outputs:
+                if (folder / name).resolve() in given:
+                    raise InputError(
+                        f"{name} is read too, for {chain.name}", key=f"commands[{number}]", allowed="another name"
+                    )
+
+
+def call(words: tuple[str, ...], folder: Path) -> Said:
+    """Run the program in a folder, in this process; one call at a time: folder and streams are the process's."""
+    from dlwpredict.cli.app import app
+
+    errors = io.StringIO()
+    with (
+        _alone,
+        contextlib.chdir(folder),
+        contextlib.redirect_stderr(errors),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
+        try:
+            code = typer.main.get_command(app).main(list(words), prog_name="dlwpredict", standalone_mode=False) or 0
+        except _WrongCall as error:
+            code, errors = 2, io.StringIO(f"error: {error.format_message()}\n")
+        except Exception as error:  # a fault of the program must not stop the other structures
+            code, errors = 1, io.StringIO(f"error: fault of the program: {type(error).__name__}: {error}\n")
+    said = errors.getvalue().splitlines()
+    warnings = tuple(line.removeprefix("warning: ") for line in said if line.startswith("warning: "))
+    faults = [line.removeprefix("error: ") for line in said if line.startswith("error: ")]
+    return Said(code, warnings, faults[-1] if faults else f"ended with code {code}" if code else "")
+
+
+def _died(chain: Chain, error: Exception) -> list[Step]:
+    first = Step(chain.commands[0].words[0], "failed", (str(error),))
+    return [first, *(Step(command.words[0], "not run") for command in chain.commands[1:])]
+
+
+def _tell(chains: list[Chain], done: dict[str, list[Step]]) -> None:
+    """Print the table, the warnings and the errors, in the order of the manifest."""
+    rows = [["structure", *(command.words[0] for command in chains[0].commands)]]
+    for chain in chains:
+        rows.append([chain.name, *(step.state for step in done[chain.name])])
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        say("  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
+    for chain in chains:
+        for step in done[chain.name]:
+            for text in step.said:
+                if step.state == "failed":
+                    typer.echo(f"error: {chain.name}: {step.command}: {text}", err=True)
+                else:
+                    warn(f"{chain.name}: {step.command}: {text}")
+    failed = sum(any(step.state == "failed" for step in steps) for steps in done.values())
+    before = sum(all(step.state == "finished before" for step in steps) for steps in done.values())
+    say(f"{len(chains)} structures: {len(chains) - failed - before} done, {before} finished before, {failed} failed")
+
+
+@contextlib.contextmanager
+def _progress(count: int) -> Iterator[Callable[[int], None]]:
+    """Show how many structures are through, on a terminal only."""
+    if not progress_shown():
+        yield lambda done: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn("batch"), BarColumn(), MofNCompleteColumn(), TextColumn("structures"), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=count)
+        yield lambda done: bar.update(task, completed=done)
