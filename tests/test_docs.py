@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -69,7 +70,8 @@ def bench(tmp_path_factory):
         ("cin", cin(size_um=20, pitch_um=0.5, margin_um=4)),
     ):
         printed = predict(part, truth).heights_um
-        recording = part.with_heights(printed + generator.normal(0, 0.01, part.shape))
+        noise = gaussian_filter(generator.normal(0, 0.03, part.shape), 1.0)  # over about 1 µm, as a microscope's is
+        recording = part.with_heights(printed + noise)
         for place, one in (("", part), ("_aligned", recording)):
             write_height_map(folder / f"{name}{place}.tif", one)
     for names in (
