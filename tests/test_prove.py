@@ -1,9 +1,11 @@
 """The proof's machinery: what is drawn, sealed, asked, judged and counted. No verdict of the program is tested here."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from dlwpredict.effects import library
 from tests.bench.cases import NEVER
@@ -12,9 +14,9 @@ from tests.prove import __main__ as prove
 from tests.prove import answer, judge, page, structures, table
 from tests.prove.baselines import _forward
 from tests.prove.hidden import NAMED, OUTSIDE, named, outside
-from tests.prove.linear import LIMIT_Z, Sight
+from tests.prove.linear import LIMIT_Z
 from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, MEASUREMENT, QUICK, draw, listed, name_of
-from tests.prove.sealed import Folder, seal, seals, strength
+from tests.prove.sealed import Bare, Folder, seal, seals, strength
 
 SEED = 4
 
@@ -42,7 +44,7 @@ def truth(kind="single", *effects, index=0):
 
 def effect(name, switch="strength", value=0.05, times=2.0, levelling=0.1, calibration=0.1, **entry):
     return {"name": name, "switch": switch, "value": value, "off": 0.0, "times": times, "z": LIMIT_Z * times,
-            "levelling": levelling, "calibration": calibration, "raw_um": 0.02,
+            "levelling": levelling, "calibration": calibration, "raw_um": 0.02, "z_given": LIMIT_Z,
             "entry": {"name": name, switch: value, **entry}}  # fmt: skip
 
 
@@ -122,13 +124,13 @@ def test_what_is_drawn_is_what_the_press_knows(name):
 
 
 @pytest.fixture(scope="module")
-def sight():
+def bare():
     drawn = draw(SEED, "single", list(NAMED).index("curl"))
-    return drawn, Sight.of([structures.made(one) for one in drawn.limit_on], drawn.process, drawn.noise)
+    return Bare.of(drawn, drawn.limit_on)
 
 
-def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(sight):
-    _, seen = sight
+def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(bare):
+    seen = bare.sight
     grids = [item.recording.target for item in seen.fit.data]
     plane = seen.shares([0.01 * np.broadcast_to(grid.x_um, grid.shape) for grid in grids])
     assert plane["levelling"] > 0.999 and plane["z"] < 0.1
@@ -136,18 +138,14 @@ def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(sight):
     assert higher["levelling"] + higher["calibration"] > 0.999 and higher["calibration"] > 0.05
 
 
-def test_strength_is_the_wanted_multiple_of_the_limit(sight):
-    drawn, seen = sight
-    parts = [structures.made(one) for one in drawn.limit_on]
-    found = strength(drawn.hidden[0], 2.0, drawn, seen, parts)
+def test_strength_is_the_wanted_multiple_of_the_limit(bare):
+    found = strength(bare.drawn.hidden[0], 2.0, bare)
     assert found["times"] == pytest.approx(2.0, rel=0.06) and found["z"] == pytest.approx(2 * LIMIT_Z, rel=0.06)
     assert found["entry"]["rise_um"] == found["value"] != 0
 
 
-def test_an_effect_that_calibration_takes_whole_has_no_limit(sight):
-    drawn, seen = sight
-    parts = [structures.made(one) for one in drawn.limit_on]
-    found = strength(named("z-amplification", np.random.default_rng(0)), 3.0, drawn, seen, parts)
+def test_an_effect_that_calibration_takes_whole_has_no_limit(bare):
+    found = strength(named("z-amplification", np.random.default_rng(0)), 3.0, bare)
     assert found["times"] < 0.1 and abs(found["value"]) == library()["z-amplification"].switches()["gain"]
 
 
@@ -189,6 +187,15 @@ def test_a_folder_sealed_otherwise_is_refused(tmp_path):
     (tmp_path / "seal.json").write_text(json.dumps(made))
     with pytest.raises(ValueError, match="sealed: with other cases"):
         prove.sealed(tmp_path, 1, [("null", 0)], None)
+
+
+def test_a_program_that_changes_while_it_is_asked_proves_nothing(tmp_path, monkeypatch):
+    states = iter(["before", "after"])
+    monkeypatch.setattr(prove, "code_sha256", lambda: next(states))
+    monkeypatch.setattr(prove, "sealed", lambda *rest: {"cases": {}})
+    monkeypatch.setattr(prove, "told", lambda *rest: [])
+    with pytest.raises(ValueError, match="changed while it was asked"):
+        prove.prove(tmp_path, SEED, {"null": 1}, every=9, processes=1)
 
 
 def test_answers_are_kept_for_one_state_of_the_program(sealed_case, monkeypatch):
@@ -331,3 +338,30 @@ def test_stepwise_bic_finds_a_column_in_independent_noise_and_stops():
     residual = 0.4 * columns[:, 2] + rng.standard_normal(3000)
     chosen, names = _forward([Column(n) for n in "abcd"], columns, residual, base)
     assert names == ["c"] and chosen[0][1] == pytest.approx(0.4, abs=0.06)
+
+
+@pytest.mark.slow
+def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    """The program is played by a stand-in that finds nothing; everything else is real."""
+    asked = []
+
+    def stand_in(command, where):
+        asked.append(where.name)
+        out = {word: command[command.index(word) + 1] for word in ("-o", "--params-out")}
+        told = diagnosis("none")
+        seven = {name: one["value"] for name, one in told["baseline"]["parameters"].items()}
+        Path(out["-o"]).write_text(yaml.safe_dump(told))
+        Path(out["--params-out"]).write_text(yaml.safe_dump({"format": "dlwpredict-parameters/1", **seven}))
+        return 0, ""
+
+    monkeypatch.setattr(answer, "_run", stand_in)
+    monkeypatch.setattr(prove, "code_sha256", lambda: "code")
+    results, sealed = prove.prove(tmp_path, SEED, {"null": 2}, every=9, processes=1)
+    assert sorted(asked) == sorted(sealed["cases"]) == sorted(r["name"] for r in results) and len(asked) == 2
+    assert [bool(r["baselines"]) for r in results] == [True, False]
+    oracle = results[0]["baselines"]["oracle"]["unseen_um"]
+    assert oracle < 0.01 < results[0]["unseen_um"]["seven"]  # the seven fitted, and the paper's defaults
+    again, _ = prove.prove(tmp_path, SEED, {"null": 2}, every=9, processes=1)
+    assert len(asked) == 2 and again == json.loads(json.dumps(results))
+    page.publish(tmp_path / "report", results, sealed, command="make prove", every=9)
+    assert "2 of 2 = 100.0%" in (tmp_path / "report" / "README.md").read_text()

@@ -33,7 +33,10 @@ SEEDS = {"development": DEVELOPMENT_SEED, "final": FINAL_SEED}
 EVERY, EVERY_QUICK = 6, 3
 """The baselines are computed for every so manieth case of each kind."""
 
-MAKERS = ("press", "prove/mix.py", "prove/hidden.py", "prove/sealed.py", "prove/structures.py", "prove/linear.py")
+MAKERS = (
+    "press", "bench/cases.py", "prove/mix.py", "prove/hidden.py", "prove/sealed.py", "prove/structures.py",
+    "prove/linear.py",
+)  # fmt: skip
 """Files that decide what a case is."""
 
 

@@ -59,7 +59,7 @@ def _run(command: list[str], where: Path) -> tuple[int, str]:
         )
     except subprocess.TimeoutExpired:
         return -1, f"took longer than {LONGEST_S:.0f} s"
-    return done.returncode, (done.stderr.strip().splitlines() or [""])[-1]
+    return done.returncode, (done.stderr.strip().splitlines() or [""])[-1] if done.returncode else ""
 
 
 def _loaded(path: Path) -> dict:

@@ -19,8 +19,8 @@ from tests.prove.hidden import Hidden
 from tests.prove.linear import LIMIT_Z, Sight
 from tests.prove.mix import FULL, WEAKEST, Draw, draw, name_of
 
-FINER, COARSE = 2, 1
-"""The press prints the targets' pixels as squares of this many pixels a side; while a strength is looked for, whole."""
+FINER = 2
+"""The press prints the targets' pixels as squares of this many pixels a side: 0.5 nm from the limit of many."""
 
 ROUNDS, CLOSE = 5, 0.05
 """Times that a strength is corrected at most, since few effects grow in proportion to it, and when it is right."""
@@ -76,35 +76,61 @@ def microscope_of(drawn: Draw, part: HeightMap, effects: Sequence[dict], **setti
     return microscope_from({**grid, "effects": list(by_machine(effects)[1]), **settings})
 
 
-def strength(hidden: Hidden, times: float, drawn: Draw, sight: Sight, targets: Sequence[HeightMap]) -> dict:
-    """Return the effect at so many times its detection limit, as the press prints it, and what becomes of it.
+@dataclass(frozen=True, eq=False)
+class Bare:
+    """Structures of a case without anything concealed, noise-free: what a change is counted from.
 
-    The change is that of recordings without noise, found on coarse pixels. Where no strength inside the range reaches
-    the wanted multiple, the end of the range is taken; where even that shows nearly nothing (what calibration absorbs
-    whole), the probe. `times` says what it is worth.
+    Parameters
+    ----------
+    drawn : Draw
+    parts : list of HeightMap
+    sight : Sight
+    plain : list of numpy.ndarray, shape (rows, cols)
     """
 
-    def shown(effects: Sequence[dict]) -> list[np.ndarray]:
-        press = press_of(drawn, effects)
-        return [seen(part, press, microscope_of(drawn, part, effects), finer=COARSE).heights_um for part in targets]
+    drawn: Draw
+    parts: list[HeightMap]
+    sight: Sight
+    plain: list[np.ndarray]
 
-    def worth(value: float) -> dict[str, float]:
-        return sight.shares([np.nan_to_num(a - b) for a, b in zip(shown([hidden.at(value)]), plain, strict=True)])
+    @classmethod
+    def of(cls, drawn: Draw, listed: Sequence[dict]) -> Bare:
+        """Print some structures of a case with nothing concealed."""
+        parts = [structures.made(one) for one in listed]
+        return cls(drawn, parts, Sight.of(parts, drawn.process, drawn.noise), shown(drawn, parts, []))
 
-    plain, value, power = shown([]), hidden.probe, 1.0
-    shares = worth(value)
+    def shares(self, entry: dict) -> dict[str, float]:
+        """Return what becomes of the change that an effect makes, as the press prints it."""
+        changed = shown(self.drawn, self.parts, [entry])
+        return self.sight.shares([np.nan_to_num(a - b) for a, b in zip(changed, self.plain, strict=True)])
+
+
+def shown(drawn: Draw, parts: Sequence[HeightMap], effects: Sequence[dict]) -> list[np.ndarray]:
+    """Return what the instrument shows of some structures but for noise, shape (rows, cols) each."""
+    press = press_of(drawn, effects)
+    return [seen(part, press, microscope_of(drawn, part, effects), finer=FINER).heights_um for part in parts]
+
+
+def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
+    """Return the effect at so many times its detection limit, and what becomes of it.
+
+    Where no strength inside the range reaches the wanted multiple, the end of the range is taken; where even that shows
+    nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth.
+    """
+    value, power = hidden.probe, 1.0
+    shares = bare.shares(hidden.at(value))
     for _ in range(ROUNDS):
         if shares["z"] == 0:
             break
-        wanted = (times * LIMIT_Z / shares["z"]) ** (1 / power)
-        new = float(np.clip(hidden.off + (value - hidden.off) * wanted, hidden.low, hidden.high))
-        if abs(np.log(times * LIMIT_Z / shares["z"])) < CLOSE or new == value:
+        wanted = times * LIMIT_Z / shares["z"]
+        new = float(np.clip(hidden.off + (value - hidden.off) * wanted ** (1 / power), hidden.low, hidden.high))
+        if abs(np.log(wanted)) < CLOSE or new == value:
             break
         before, grown = shares["z"], (new - hidden.off) / (value - hidden.off)
-        value, shares = new, worth(new)
+        value, shares = new, bare.shares(hidden.at(new))
         power = float(np.clip(np.log(max(shares["z"], 1e-9) / before) / np.log(grown), 0.5, 4))
     if shares["z"] < WEAKEST * LIMIT_Z:
-        value, shares = hidden.probe, worth(hidden.probe)
+        value, shares = hidden.probe, bare.shares(hidden.at(hidden.probe))
     return {"name": hidden.name, "switch": hidden.switch, "value": value, "off": hidden.off,
             "wanted": times, "times": shares["z"] / LIMIT_Z, **shares, "entry": hidden.at(value)}  # fmt: skip
 
@@ -118,9 +144,11 @@ def seal(folder: Path, seed: int, kind: str, index: int) -> str:
     parts = [structures.made(one) for one in drawn.structures]
     effects = []
     if drawn.hidden:
-        wide = [structures.made(one) for one in drawn.limit_on]
-        sight = Sight.of(wide, drawn.process, drawn.noise)
-        effects = [strength(h, t, drawn, sight, wide) for h, t in zip(drawn.hidden, drawn.times, strict=True)]
+        bare = Bare.of(drawn, drawn.limit_on)
+        effects = [strength(h, t, bare) for h, t in zip(drawn.hidden, drawn.times, strict=True)]
+        given = bare if drawn.structures == drawn.limit_on else Bare.of(drawn, drawn.structures)
+        for one in effects:
+            one["z_given"] = one["z"] if given is bare else given.shares(one["entry"])["z"]
     entries = [one["entry"] for one in effects]
     truth = {
         "kind": kind, "index": index, "process": drawn.process, "conversion": drawn.conversion, "noise": drawn.noise,

@@ -195,7 +195,10 @@ def _outside(outside: list) -> list[Row]:
 def _absorbed(absorbed: list) -> list[Row]:
     alone = [r for r in absorbed if len(r["truth"]["structures"]) == 1]
     three = [r for r in absorbed if len(r["truth"]["structures"]) > 1 and strongest(r) >= 2]
+    seen = [one["z_given"] / one["z"] for r in alone for one in r["truth"]["effects"] if one["z"] > 0.1]
     return [
+        Row("absorbed", "one roughness map: what it shows of what three structures show, median",
+            [r["name"] for r in alone for one in r["truth"]["effects"] if one["z"] > 0.1], seen, "", "median"),
         counted("absorbed", "one roughness map: a wrong name given with confidence", alone,
                 lambda r: r.get("misnamed"), "0"),
         counted("absorbed", "... named rightly, or nothing said", alone,
