@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -87,6 +88,16 @@ def test_figures_as_json(tmp_path, part):
     assert found["provenance"]["inputs"].keys() == {str(part)}
     known = json.loads(run("effects", "vignetting", "--json", "-").stdout)
     assert known["vignetting"]["parameters"]["strength"]["default"] == 0
+
+
+def test_grey_levels_come_with_their_heights(tmp_path, part):
+    words = ["convert", part, tmp_path / "a.png", "--z-range", "-1", "12.107", "--json", tmp_path / "a.json"]
+    result = run(*words)
+    assert "level 0 = -1 µm, 65535 = 12.107 µm, 0.2 nm each" in result.stdout
+    grey = json.loads((tmp_path / "a.json").read_text())["grey_levels"]
+    read = np.asarray(Image.open(tmp_path / "a.png")).astype(float)
+    back = grey["level_0_um"] + read * grey["level_um"]
+    assert back == pytest.approx(read_height_map(part).heights_um, abs=grey["level_um"])
 
 
 def test_a_json_file_is_an_output_like_any_other(tmp_path, part):

@@ -15,6 +15,7 @@ from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import format_of
 from dlwpredict.files.plausibility import plausibility, tilt_mrad
+from dlwpredict.heightmap import HeightMap
 from dlwpredict.missing import fill_missing
 
 COMMAND = "convert"
@@ -58,14 +59,29 @@ def run(
     if fill is not None:
         height_map = fill_missing(height_map, fill)
     remarks = write_height_map(target, height_map, **knobs)
-    say(f"{target}: {writer.name} written")
-    tell(figures_of(height_map))
+    grey = levels(height_map, knobs.get("z_range_um")) if target.suffix.lower() == ".png" else None
+    say(f"{target}: {writer.name} written{grey_words(grey)}")
+    tell(figures_of(height_map) | ({"grey_levels": grey} if grey else {}))
     if plot is not None:
         from dlwpredict import plots
 
         plots.save(plot, plots.overview(height_map, name=target.stem, caption=height_map.summary()))
     for remark in remarks:
         warn(f"{target}: {remark}")
+
+
+def levels(height_map: HeightMap, z_range_um: tuple[float, float] | None) -> dict[str, Any]:
+    """Return what a grey-scale writer must be told: heights of the lowest and highest level, and one level's, µm."""
+    low, high = z_range_um or (float(height_map.heights_um.min()), float(height_map.heights_um.max()))
+    return {"level_0_um": low, "level_65535_um": high, "level_um": (high - low) / 65535}
+
+
+def grey_words(grey: dict[str, Any] | None) -> str:
+    """Say the heights of grey levels."""
+    if grey is None:
+        return ""
+    step = 1e3 * grey["level_um"]
+    return f", level 0 = {grey['level_0_um']:.6g} µm, 65535 = {grey['level_65535_um']:.6g} µm, {step:.3g} nm each"
 
 
 def _range_where_it_belongs(source: Path, target: Path, z_range: Any) -> tuple[Any, dict[str, Any]]:
