@@ -1,4 +1,5 @@
-"""Reports for the eye: a diagnosis as one self-contained HTML page and as lines for the terminal.
+"""Reports for the eye: a diagnosis or a run folder as one self-contained HTML page, a diagnosis also as terminal lines.
 
-`words` says numbers, `pictures` draws maps and profiles, `diagnosis` puts the page together, `terminal` the lines.
+`diagnosis` and `report` put the pages together, `pictures` and `report_pictures` draw, `relief` feeds the view that can
+be turned, `run_folder` reads, `require` checks, `words` says numbers, `templates` holds the look that all pages share.
 """
