@@ -9,9 +9,6 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from dlwpredict.errors import InputError
@@ -70,6 +67,11 @@ def _in_processes(
     function: Callable[[Job], Result], jobs: Sequence[Job], count: int
 ) -> Iterator[tuple[Job, Result | Exception]]:
     """Let each of several threads attend to one process of its own, so that it is known which job a process died of."""
+    # not above: the program's other commands start sooner without them
+    from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+    from concurrent.futures.process import BrokenProcessPool
+    from multiprocessing import get_context
+
     own = threading.local()
     pools: list[ProcessPoolExecutor] = []
 

@@ -1,4 +1,7 @@
-"""Large height maps in TIFF, read and written in place on disk: only what is touched takes memory."""
+"""Large height maps in TIFF, read and written in place on disk: only what is touched takes memory.
+
+The library is imported where it is used: `predict --help` need not wait for it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import replacing
@@ -44,6 +46,8 @@ def mapped(path: Path) -> Mapped | None:
     """
     if path.suffix.lower() not in (".tif", ".tiff") or not path.is_file():
         return None
+    import tifffile
+
     try:
         with tifffile.TiffFile(path) as file:
             page, alone = file.pages.first, len(file.series) == 1
@@ -70,6 +74,8 @@ def mapping(path: Path, shape: tuple[int, int], dx_um: float, dy_um: float) -> I
     """
     if 4 * shape[0] * shape[1] > MOST_BYTES:
         raise InputError(f"{shape[1]} x {shape[0]} px", where=path, key="size", allowed="allowed up to 31622 x 31622")
+    import tifffile
+
     with replacing(path) as temporary:
         heights = tifffile.memmap(
             temporary,
