@@ -35,9 +35,12 @@ def killed(words: tuple[str, ...], source: Path, folder: Path, kills: int, seed:
     rng = np.random.default_rng(seed)
     given = snapshot(source)
     shutil.copytree(source, folder)
-    status, said, writing = run((*words, "--overwrite"), folder)
-    assert status == 0, said
-    new = snapshot(folder)
+    times = []
+    for _ in range(3):
+        status, said, seconds = run((*words, "--overwrite"), folder)
+        assert status == 0, said
+        times.append(seconds)
+    new, writing = snapshot(folder), min(times)
     outputs = sorted(new.keys() - given.keys())
     assert outputs
     found = Counter()

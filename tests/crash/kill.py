@@ -2,7 +2,6 @@
 
 import os
 import resource
-import select
 import signal
 import sys
 import time
@@ -40,7 +39,8 @@ def run(
     os.read(begun, 1)  # returns at the first output file, or at the end
     started = time.perf_counter()
     if kill_after is not None:
-        _, _, _ = select.select([], [], [], kill_after)
+        while time.perf_counter() < started + kill_after and not _ended(child):
+            time.sleep(2e-4)
         os.kill(child, signal.SIGKILL)
     stderr = b"".join(iter(lambda: os.read(said, 65536), b"")).decode()
     _, status = os.waitpid(child, 0)
@@ -48,6 +48,10 @@ def run(
     os.close(begun)
     os.close(said)
     return os.waitstatus_to_exitcode(status), stderr, seconds
+
+
+def _ended(child: int) -> bool:
+    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 def _work(words, folder, begin, say, largest) -> None:
