@@ -43,8 +43,9 @@ def truth(kind="single", *effects, index=0):
 
 
 def effect(name, switch="strength", value=0.05, times=2.0, levelling=0.1, calibration=0.1, **entry):
-    return {"name": name, "switch": switch, "value": value, "off": 0.0, "times": times, "z": LIMIT_Z * times,
-            "levelling": levelling, "calibration": calibration, "raw_um": 0.02, "z_given": LIMIT_Z,
+    return {"name": name, "switch": switch, "value": value, "off": 0.0, "times": times, "power": 1.0,
+            "z": LIMIT_Z * times, "levelling": levelling, "calibration": calibration, "raw_um": 0.02,
+            "z_given": LIMIT_Z,
             "entry": {"name": name, switch: value, **entry}}  # fmt: skip
 
 

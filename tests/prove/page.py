@@ -37,7 +37,7 @@ calibration* (the seven parameters take more than half of its energy, or the cas
 effect* (two at once), *removed by levelling or registration* (they take more than half), *near the noise* (less than
 1.5 times its detection limit)."""
 
-METHODS = """On {count} of the {all} cases, every {every}th of each kind. All but `diagnose` are told the true noise."""
+METHODS = """On {count} of the {all} cases, one in {every} of each kind. All but `diagnose` are told the true noise."""
 
 TITLES = {
     "all": "Cases",

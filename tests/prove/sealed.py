@@ -115,7 +115,7 @@ def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
     """Return the effect at so many times its detection limit, and what becomes of it.
 
     Where no strength inside the range reaches the wanted multiple, the end of the range is taken; where even that shows
-    nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth.
+    nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth, and grows with `power`.
     """
     value, power = hidden.probe, 1.0
     shares = bare.shares(hidden.at(value))
@@ -131,8 +131,10 @@ def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
         power = float(np.clip(np.log(max(shares["z"], 1e-9) / before) / np.log(grown), 0.5, 4))
     if shares["z"] < WEAKEST * LIMIT_Z:
         value, shares = hidden.probe, bare.shares(hidden.at(hidden.probe))
-    return {"name": hidden.name, "switch": hidden.switch, "value": value, "off": hidden.off,
-            "wanted": times, "times": shares["z"] / LIMIT_Z, **shares, "entry": hidden.at(value)}  # fmt: skip
+    return {
+        "name": hidden.name, "switch": hidden.switch, "value": value, "off": hidden.off, "wanted": times,
+        "times": shares["z"] / LIMIT_Z, "power": power, **shares, "entry": hidden.at(value),
+    }  # fmt: skip
 
 
 def seal(folder: Path, seed: int, kind: str, index: int) -> str:

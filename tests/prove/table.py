@@ -338,7 +338,9 @@ def limits(results: Sequence[Mapping]) -> dict[str, dict]:
                 found.setdefault(f"{e['name']}.{e['switch']}", []).append((e, r["name"]))
     return {
         name: {
-            "limit": float(np.median([abs(e["value"] - e["off"]) / e["times"] for e, _ in several])),
+            "limit": float(
+                np.median([abs(e["value"] - e["off"]) / e["times"] ** (1 / e["power"]) for e, _ in several])
+            ),
             "change_nm": float(np.median([1e3 * e["raw_um"] / e["times"] for e, _ in several])),
             "cases": [case for _, case in several],
         }
