@@ -80,6 +80,8 @@ def bench(tmp_path_factory):
     ):
         for name in names[1:]:
             shutil.copy(folder / f"{names[0]}.tif", folder / f"{name}.tif")
+    manifest = "format: dlwpredict-batch/1\nstructures: [air.tif, cin.tif]\n"
+    (folder / "manifest.yaml").write_text(f"{manifest}commands: ['export-stl {{target}} -o {{name}}.stl']\n")
     np.savetxt(folder / "scan.txt", 1e-6 * read_height_map(folder / "recording.tif").heights_um, delimiter="\t")
     return folder
 

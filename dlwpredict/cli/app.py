@@ -93,7 +93,12 @@ def version_of(library: str) -> str:
 def _program(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and those of the libraries, and exit."),
+        typer.Option(
+            "--version",
+            callback=_show_version,
+            is_eager=True,
+            help="Show the version and those of the libraries, and exit.",
+        ),
     ] = False,
 ) -> None:
     """Predict, calibrate, correct and diagnose prints made by multi-photon lithography."""
