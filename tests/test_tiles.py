@@ -16,6 +16,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
 from dlwpredict.tiling import large
+from dlwpredict.tiling.expose import Canvas
 from dlwpredict.tiling.large import Large, canvas_of, tile_side_px
 from dlwpredict.tiling.reach import LOCAL, REACH_UM, WHOLE, check_tileable
 from dlwpredict.tiling.window import Tile, tiles
@@ -93,7 +94,7 @@ def test_tiles_make_no_difference(target, name, tmp_path):
 
 def test_without_a_halo_they_would(target, tmp_path, monkeypatch):
     whole = predict(read_height_map(target), PROCESSES["paper"]).heights_um
-    monkeypatch.setattr(large, "halo_um", lambda process: 0.5)
+    monkeypatch.setattr(large, "halo_um", lambda process: (0.5, 0.5))
     printed = in_tiles(target, PROCESSES["paper"], 45, tmp_path / "x")
     assert np.abs(printed - whole).max() > 100 * TOLERANCE_UM
 
@@ -238,9 +239,10 @@ def test_options_at_fault_are_named(target, tmp_path, words, said):
 
 def test_an_effect_that_reaches_too_far_is_refused(target):
     process = ParameterSet(effects=effects(("dose-memory", {"gain": 0.1, "length_um": 50.0})))
-    canvas, highest = canvas_of(target, np.ones((9000, 9000), np.float32), 0.1, 0.1, process)
-    with pytest.raises(InputError, match="too far for tiles"):
-        tile_side_px(canvas, process, highest)
+    canvas = Canvas(target, (9000, 9000), 0.1, 0.1, (12, 12))
+    with pytest.raises(InputError, match="too much memory in tiles"):
+        tile_side_px(canvas, process, 12.0)
+    assert tile_side_px(canvas, ParameterSet(), 12.0) == large.TILE_PX
 
 
 def test_a_mapped_file_reads_like_any_other(tmp_path):

@@ -17,6 +17,7 @@ from dlwpredict.errors import InputError
 from dlwpredict.files.parameters_yaml import parameters_as_dict
 from dlwpredict.files.provenance import sha256
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import DOSE_LAYER_UM
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import check_target, room_px
 from dlwpredict.tiling.expose import Canvas, TileJob, expose
@@ -27,13 +28,17 @@ from dlwpredict.tiling.window import Tile, tiles
 WHOLE_PX = 6_000_000
 """A map of more pixels is cut into tiles unless the user says otherwise: the whole takes some 200 bytes per pixel."""
 
-WINDOW_BYTES = 2.0e9
+WINDOW_BYTES = 3.0e9
 """What the window of one tile, halo included, may take."""
 
-BYTES_PER_PX, BYTES_PER_LAYER = 250, 16
-"""What a pixel of a window takes, and in addition each layer of 0.2 µm where the dose differs from place to place."""
+BYTES_PER_PX = 220
+"""What a pixel of a window takes."""
 
-SMALLEST_TILE_PX = 256
+BYTES_PER_LAYER = {"intensity": 6, "factor": 15}
+"""What it takes in addition for each layer of 0.2 µm under effects on the local dose, and on the local threshold."""
+
+SMALLEST_TILE_PX, TILE_PX = 256, 2048
+"""Sides of tiles: the halo of smaller ones costs too much, that of larger ones hardly less."""
 
 Progress = Callable[[int, int], None]
 """Called with the number of tiles done and of all."""
@@ -65,10 +70,6 @@ class Large:
     scheduler: str | None = None
     on_tile: Progress = field(default=lambda done, count: None, repr=False)
 
-    def halo_px(self, reach_um: float) -> tuple[int, int]:
-        """Return rows and columns of a halo this wide."""
-        return tuple(int(np.ceil(reach_um / pitch)) + 2 for pitch in (self.canvas.dy_um, self.canvas.dx_um))
-
     def key(self) -> str:
         """Return what tells apart the tiles of one prediction from those of any other."""
         known = {
@@ -96,8 +97,8 @@ class Large:
         """
         check_tileable(self.parameters, as_measured=self.as_measured)
         opened(folder, self.key())
-        halo = self.halo_px(halo_um(self.parameters))
-        canvas, own = self.canvas, self.parameters.readings.crosslink_reference == "structure_maximum"
+        canvas, halo = self.canvas, halo_px(self.canvas, halo_um(self.parameters))
+        own = self.parameters.readings.crosslink_reference == "structure_maximum"
         curved = any(step.stage == "crosslink" and not step.off for step in self.parameters.effects)
         jobs = [
             TileJob(canvas, self.parameters, tile, halo, folder, None if own else 1.0, self.threads)
@@ -112,7 +113,7 @@ class Large:
             jobs = [replace(job, folder=normal, maximum=maximum) for job in jobs]
             self._exposed(jobs, first, count)
         divisor = maximum if own and not curved else 1.0
-        rim = self.halo_px(finish_reach_um(self.parameters, as_measured=self.as_measured))
+        rim = halo_px(canvas, finish_reach_um(self.parameters, as_measured=self.as_measured))
         for number, job in enumerate(jobs, 1):
             heights = finished(job, jobs, rim, divisor, as_measured=self.as_measured)
             place(printed, heights, job.tile, canvas.room_px)
@@ -127,6 +128,11 @@ class Large:
             maxima.append(found)
             self.on_tile(before + len(maxima), count)
         return max(maxima) or 1.0
+
+
+def halo_px(canvas: Canvas, reach_um: tuple[float, float]) -> tuple[int, int]:
+    """Return rows and columns of a halo that is wide enough for a reach along y and x."""
+    return tuple(int(np.ceil(um / pitch)) + 2 for um, pitch in zip(reach_um, (canvas.dy_um, canvas.dx_um), strict=True))
 
 
 def place(printed: np.ndarray, heights_um: np.ndarray, tile: Tile, room_px: tuple[int, int]) -> None:
@@ -170,23 +176,25 @@ def canvas_of(
 
 
 def tile_side_px(canvas: Canvas, parameters: ParameterSet, highest_um: float) -> int:
-    """Return the side of the largest tile whose window stays within `WINDOW_BYTES`.
+    """Return the side of the largest tile whose window stays within `WINDOW_BYTES`, at most `TILE_PX`.
 
     Raises
     ------
     InputError
         An effect reaches so far that even the smallest tile would take more.
     """
+    layers = highest_um / DOSE_LAYER_UM + 10
+    on = [effect for effect in parameters.effects if not effect.off]
+    layered = sum(cost for what, cost in BYTES_PER_LAYER.items() if any(hasattr(effect, what) for effect in on))
+    points = WINDOW_BYTES / (BYTES_PER_PX + layered * layers)
+    # (side + 2 a)(side + 2 b) = points
     reach = halo_um(parameters)
-    layered = any(e.stage == "dose" and not e.off for e in parameters.effects)
-    per_px = BYTES_PER_PX + layered * BYTES_PER_LAYER * (highest_um / 0.2 + 10)
-    halo = [2 * (reach / pitch + 3) for pitch in (canvas.dy_um, canvas.dx_um)]
-    room = WINDOW_BYTES / per_px
-    # (side + a)(side + b) = room
-    half = (halo[0] + halo[1]) / 2
-    side = int(np.sqrt(max(half**2 - halo[0] * halo[1] + room, 0)) - half)
+    a, b = halo_px(canvas, reach)
+    side = int(np.sqrt((a - b) ** 2 + points) - (a + b))
     if side < SMALLEST_TILE_PX:
         raise InputError(
-            f"reaches {reach:.4g} µm around each point", key="effects", allowed="too far for tiles: --tile-px by hand"
+            f"reaches {max(reach):.4g} µm around each point",
+            key="effects",
+            allowed="too much memory in tiles: a coarser pitch, or --tile-px by hand",
         )
-    return side
+    return min(side, TILE_PX)

@@ -19,20 +19,28 @@ FADED = 8.0
 """An exponential that scales an effect of some per cent is let go after this many of its lengths, at 3e-4 of it."""
 
 
-def _gaussian(fwhm_um: float) -> float:
-    return REACH_SIGMAS * fwhm_um / FWHM_PER_SIGMA
+Reach = tuple[float, float]
+"""Distance along y (rows) and along x (columns), µm."""
 
 
-REACH_UM: dict[str, Callable[[Any], float]] = {
-    "dose-memory": lambda e: FADED * e.length_um,
+def _round(distance_um: float) -> Reach:
+    return distance_um, distance_um
+
+
+def _gaussian(fwhm_um: float) -> Reach:
+    return _round(REACH_SIGMAS * fwhm_um / FWHM_PER_SIGMA)
+
+
+REACH_UM: dict[str, Callable[[Any], Reach]] = {
+    "dose-memory": lambda e: (0.0, FADED * e.length_um),
     "dose-proximity": lambda e: _gaussian(e.fwhm_um),
-    "edge-drying": lambda e: FADED * e.length_um,
+    "edge-drying": lambda e: _round(FADED * e.length_um),
     "edge-inhibition": lambda e: _gaussian(e.fwhm_um),
-    "line-end-pileup": lambda e: FADED * e.length_um,
+    "line-end-pileup": lambda e: (FADED * e.length_um, 0.0),
     "batwings": lambda e: _gaussian(e.fwhm_um),
     "instrument-blur": lambda e: _gaussian(e.fwhm_um),
 }
-"""Lateral reach of the effects that look at their surroundings, µm; every halo holds the next pixels, for slopes."""
+"""Reach of the effects that look at their surroundings; every halo holds the next pixels, for slopes."""
 
 LOCAL = (
     "astigmatism",
@@ -100,27 +108,33 @@ def check_tileable(parameters: ParameterSet, *, as_measured: bool) -> None:
         )
 
 
-def halo_um(parameters: ParameterSet) -> float:
-    """Return how far around a point the exposed resin and its cross-linking depend on what is written, µm.
+def halo_um(parameters: ParameterSet) -> Reach:
+    """Return how far around a point the exposed resin and its cross-linking depend on what is written.
 
     The focus reaches as far as its widest part, effects on the dose add their own reach, once more where conversion
     follows the dose, and cross-linking adds its own.
     """
     spot = HeightMap([[1.0, 1.0], [1.0, 1.0]], 1.0, 1.0)
     dose = run([step for step in steps(parameters, Levels(1)) if step.stage == "dose"], spot)
-    local = sum(reach_um(e) for e in _active(parameters, False) if e.stage == "dose")
-    focus = max(part.reach_um for part in dose.focus)
-    return focus + local * (2 if dose.conversion else 1) + _gaussian(parameters.paper.crosslink_fwhm_xy_um)
+    local = [reach_um(e) for e in _active(parameters, False) if e.stage == "dose"]
+    focus = _round(max(part.reach_um for part in dose.focus))
+    spread = _gaussian(parameters.paper.crosslink_fwhm_xy_um)
+    return _together(focus, spread, *local, *(local if dose.conversion else ()))
 
 
-def reach_um(effect: Any) -> float:
-    """Return how far one effect looks, µm."""
-    return REACH_UM.get(effect.name, lambda e: 0.0)(effect)
+def reach_um(effect: Any) -> Reach:
+    """Return how far one effect looks."""
+    return REACH_UM.get(effect.name, lambda e: _round(0.0))(effect)
 
 
-def finish_reach_um(parameters: ParameterSet, *, as_measured: bool) -> float:
-    """Return how far the effects on the printed surface and on the recording reach together, µm."""
-    return sum(reach_um(e) for e in _active(parameters, as_measured) if e.stage in ("surface", "recording"))
+def finish_reach_um(parameters: ParameterSet, *, as_measured: bool) -> Reach:
+    """Return how far the effects on the printed surface and on the recording reach together."""
+    active = _active(parameters, as_measured)
+    return _together(*(reach_um(e) for e in active if e.stage in ("surface", "recording")))
+
+
+def _together(*several: Reach) -> Reach:
+    return sum(y for y, _ in several), sum(x for _, x in several)
 
 
 def coarse_px(parameters: ParameterSet, dx_um: float, dy_um: float) -> tuple[int, int]:
