@@ -98,23 +98,26 @@ def command_of(words: tuple[str, ...], number: int, overwrite: bool) -> Command:
     if words[0] not in COMMANDS:
         raise InputError(f"found {words[0]}", key=key, allowed=f"allowed: {', '.join(COMMANDS)}")
     try:
-        given = _parsed(words)
+        values = _parsed(words)
     except _WrongCall as error:
         raise InputError(f"{words[0]}: {error.format_message().rstrip('.')}", key=key) from None
+    given = {name: paths for name, value in values.items() if (paths := _paths(value))}
     written = ("target", *OUTPUTS) if words[0] == "convert" else OUTPUTS
     outputs = [path for name in sorted(given, key=_rank) if name in written for path in given[name]]
     inputs = [path for name in given if name not in written for path in given[name]]
     if not outputs or Path(STANDARD) in outputs:
         raise InputError(f"{words[0]} leaves no file", key=key, allowed="name an output (score: --json FILE)")
-    return Command(words, tuple(inputs), tuple(outputs), overwrite)
+    # the workers share the cores already
+    alone = ("--threads", "1") if "threads" in values and "--threads" not in words else ()
+    return Command(words, tuple(inputs), tuple(outputs), overwrite, alone)
 
 
 def _rank(name: str) -> int:
     return OUTPUTS.index(name) if name in OUTPUTS else 0
 
 
-def _parsed(words: tuple[str, ...]) -> dict[str, list[Path]]:
-    """Return the paths of a command line by the name of their parameter."""
+def _parsed(words: tuple[str, ...]) -> dict[str, Any]:
+    """Return the values of a command line by the name of their parameter."""
     # the program collects its commands, this one among them
     from dlwpredict.cli.app import app
 
@@ -125,12 +128,11 @@ def _parsed(words: tuple[str, ...]) -> dict[str, list[Path]]:
         values = command.make_context(words[0], options.joined_pairs(list(words[1:])), parent=around).params
     except typer.Exit:
         raise typer.BadParameter("--help is no work") from None
-    found = {name: value if isinstance(value, (list, tuple)) else [value] for name, value in values.items()}
-    return {name: paths for name, several in found.items() if (paths := _paths(several))}
+    return values
 
 
-def _paths(values: Any) -> list[Path]:
-    return [value for value in values if isinstance(value, Path)]
+def _paths(value: Any) -> list[Path]:
+    return [one for one in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(one, Path)]
 
 
 def _check_files(chains: list[Chain], structures: list[Structure], folder: Path) -> None:

@@ -67,6 +67,7 @@ def predict_large(
     process: ParameterSet,
     tile_px: int | None,
     as_measured: bool,
+    threads: int,
     scheduler: str | None,
 ) -> None:
     """Predict tile by tile; what is finished stays beside the output until the map is whole."""
@@ -77,7 +78,7 @@ def predict_large(
         side = tile_px or tile_side_px(canvas, process, highest_um)
         detail(f"target: {cols} x {rows} px, tiles of at most {side} px")
         with _progress() as on_tile, _kept(output, folder):
-            large = Large(canvas, process, side, as_measured, 1 if scheduler else 2, scheduler, on_tile)
+            large = Large(canvas, process, side, as_measured, 1 if scheduler else threads, scheduler, on_tile)
             low, high = _written(large, output, folder)
     shutil.rmtree(folder)
     figures = {"rows": rows, "cols": cols, "pitch_um": (source.dx_um, source.dy_um), "z_um": (low, high)}

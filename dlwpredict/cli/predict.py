@@ -45,6 +45,7 @@ def run(
         bool,
         typer.Option("--as-measured", help="Add the measurement effects: what the instrument would show."),
     ] = False,
+    threads: Annotated[int, typer.Option(help="Threads of the fast method.", min=1)] = 2,
     tile_px: TilePx = None,
     scheduler: Scheduler = None,
     plot: Plot = None,
@@ -61,7 +62,7 @@ def run(
     if large is not None:
         if plot is not None:
             raise InputError("given for a map cut into tiles", key="--plot", allowed="allowed with --tile-px 0")
-        predict_large(large, target, output, process, tile_px, as_measured, scheduler)
+        predict_large(large, target, output, process, tile_px, as_measured, threads, scheduler)
         return
     part = read_height_map(target)
     if method is Method.voxel:
@@ -70,7 +71,7 @@ def run(
             raise InputError(f"found {slice_um:g}", key="--slice-um", allowed="allowed 0.001 to 5 µm")
         numerics = Voxels(slice_um, memory_mb)
     else:
-        numerics = Levels()
+        numerics = Levels(threads)
     detail(f"target: {part.summary()}")
     with blaming(target):
         printed = predict(part, process, numerics=numerics, as_measured=as_measured)
