@@ -7,7 +7,10 @@ the mask of filled points, so that every other program still sees one plain pict
 from __future__ import annotations
 
 import logging
+import os
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +26,7 @@ _PITCH_UM = (1e-9, 1e9)  # what fits the ratio of two 32-bit numbers
 _BYTES = 7  # TIFF type UNDEFINED
 _UM_PER_RESOLUTION_UNIT = {2: 25400.0, 3: 10000.0}  # inch, cm
 
-logging.getLogger("tifffile").addHandler(logging.NullHandler())  # its errors reach the user as ours
+logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)  # its errors reach the user as ours
 
 
 def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
@@ -83,10 +86,10 @@ def write_tiff(path: Path, height_map: HeightMap) -> list[str]:
 
 
 def _require_one_plane(file: tifffile.TiffFile) -> None:
-    shape = file.series[0].shape
-    if len(file.series) != 1 or len(shape) != 2:
-        found = f"{len(file.series)} pictures" if len(file.series) != 1 else f"picture of shape {shape}"
-        raise InputError(found, key="channels", allowed="one page with one channel of heights")
+    pages = len(file.pages)  # counted, not read: damaged ones take minutes
+    shape = file.series[0].shape if pages == 1 else (pages, *file.pages.first.shape)
+    if len(shape) != 2:
+        raise InputError(f"picture of shape {shape}", key="channels", allowed="one page with one channel of heights")
     require_size(*shape)
     page = file.pages.first
     require_size(*page.shape)
@@ -98,16 +101,26 @@ def _require_one_plane(file: tifffile.TiffFile) -> None:
 
 
 def _numbers(path: Path, file: tifffile.TiffFile) -> np.ndarray:
-    """Return the picture; compressions that tifffile lacks by itself (LZW) are left to Pillow."""
-    try:
+    """Return the picture; LZW, which tifffile lacks by itself, is left to Pillow."""
+    if file.pages.first.compression != tifffile.COMPRESSION.LZW:
         return file.asarray()
-    except ValueError as error:
-        if "imagecodecs" not in str(error):
-            raise
     from PIL import Image
 
-    with Image.open(path) as picture:
+    with _silent(), Image.open(path) as picture:
         return np.asarray(picture)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep a library in C, which writes to stderr by itself, from adding lines to our one."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _pitch_from_tags(tags: dict, unit: str | None) -> Pair | None:

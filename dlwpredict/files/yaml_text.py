@@ -11,6 +11,7 @@ import yaml
 from dlwpredict.errors import InputError
 
 LARGEST_BYTES = 2**23
+_LARGEST_INTEGER = 10**300  # what a float can hold
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -28,6 +29,16 @@ class _PlainLoader(yaml.SafeLoader):
                 raise InputError("given twice", key=str(key), allowed="each key once")
             seen.add(key)
         return super().construct_mapping(node, deep)
+
+
+def _integer(loader: _PlainLoader, node: yaml.ScalarNode) -> int:
+    value = loader.construct_yaml_int(node)
+    if abs(value) > _LARGEST_INTEGER:
+        raise InputError(f"found an integer of {len(node.value)} digits", key="file", allowed="up to 1e300")
+    return value
+
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _integer)
 
 
 class _PlainDumper(yaml.SafeDumper):

@@ -160,6 +160,12 @@ TRAPS = {
     "5000 keys": (".yaml", lambda: b"".join(b"k%d: 1\n" % k for k in range(5000)), "format: found None"),
     "10 MB": (".yaml", lambda: b"a: " + b"x" * 10**7, "file: 10000003 bytes, at most"),
     "number of 100000 digits": (".yaml", lambda: b"format: " + b"1" * 10**5, "YAML"),
+    "hexadecimal beyond any float": (".yaml", lambda: b"format: 0x" + b"f" * 10**4, "an integer of 10002 digits"),
+    "corners at 1e300": (
+        ".stl",
+        lambda: b"solid\n" + b"vertex 1e300 0 0\nvertex 0 1e300 0\nvertex 0 0 1e300\n" + b"endsolid\n",
+        "triangles: no triangles, or not finite",
+    ),
     "dates": (".yaml", lambda: b"format: 2001-99-99\n", "not plain YAML"),
     "binary": (".yaml", lambda: b"\x80\x81\x82", "not a text file"),
     "10^6 x 10^6 levels": (

@@ -104,6 +104,7 @@ def _work(reader, first, count, make, folder, seed, shared, log) -> int:
             if outputs.tell() or os.fstat(outputs.fileno()).st_size:
                 wrong = wrong or "said " + (folder / "said").read_text(errors="replace")[:300]
                 os.ftruncate(outputs.fileno(), 0)
+                outputs.seek(0)
             grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - base)
             entry = {"number": number, "end": "fault" if wrong else end, "seconds": seconds, "bytes": grown}
             stream.write(json.dumps(entry | ({"fault": wrong, "ending": ending} if wrong else {})) + "\n")
@@ -142,7 +143,8 @@ def _listening(folder: Path) -> list[str]:
             path, _, flags = arguments
             text = os.fsdecode(path) if isinstance(path, (str, bytes)) else ""
             written = isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
-            if (written or not text.startswith((*_CODE, "/proc", "/sys", "/etc"))) and not text.startswith(own):
+            harmless = text == os.devnull or (not written and text.startswith((*_CODE, "/proc", "/sys", "/etc")))
+            if not harmless and not text.startswith(own):
                 touched.append(f"open {text!r} {flags}") if text else None
         elif _FORBIDDEN.match(event) and not any(str(a).startswith(own) for a in arguments[:1]):
             touched.append(f"{event} {arguments!r}"[:200])
