@@ -8,7 +8,8 @@ is wrapped round.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -29,45 +30,68 @@ def covariance(noise: Noise, distance_um: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """The measured predecessors of every measured point of a map.
+    """The measured predecessors of measured points of a map.
 
     Parameters
     ----------
-    used : numpy.ndarray of bool, shape (rows, cols)
-        Measured points.
-    dx_um, dy_um : float
-        Pitch.
-    near_px : int
-    far_px : tuple of int
-        Extent of the neighbourhood.
+    lags_um : numpy.ndarray, shape (neighbours, 2)
+        Where the neighbours lie, (y, x).
+    index : numpy.ndarray of int, shape (points, neighbours)
+        Number of each neighbour among all measured points, in raster order.
+    present : numpy.ndarray of bool, shape (points, neighbours)
+        Whether it is measured.
+    own : numpy.ndarray of int, shape (points,)
+        Numbers of the points themselves.
     """
 
-    used: np.ndarray
-    dx_um: float
-    dy_um: float
-    near_px: int = NEAR_PX
-    far_px: tuple[int, ...] = FAR_PX
-    index: np.ndarray = field(init=False, repr=False)
-    present: np.ndarray = field(init=False, repr=False)
-    lags_um: np.ndarray = field(init=False, repr=False)
+    lags_um: np.ndarray
+    index: np.ndarray
+    present: np.ndarray
+    own: np.ndarray
 
-    def __post_init__(self) -> None:
-        offsets = _offsets(self.near_px, self.far_px)
+    @classmethod
+    def of(
+        cls, used: np.ndarray, dx_um: float, dy_um: float, near_px: int = NEAR_PX, far_px: tuple[int, ...] = FAR_PX
+    ) -> Neighbourhood:
+        """Look for the neighbours of all measured points.
+
+        Parameters
+        ----------
+        used : numpy.ndarray of bool, shape (rows, cols)
+            Measured points.
+        dx_um, dy_um : float
+            Pitch.
+        near_px : int
+        far_px : tuple of int
+            Extent of the neighbourhood.
+        """
+        offsets = _offsets(near_px, far_px)
         reach = int(np.abs(offsets).max())
-        number = np.full(np.add(self.used.shape, 2 * reach), -1)
+        number = np.full(np.add(used.shape, 2 * reach), -1)
         inner = number[reach:-reach, reach:-reach]
-        inner[self.used] = np.arange(int(self.used.sum()))
-        row, col = np.nonzero(self.used)
+        inner[used] = np.arange(int(used.sum()))
+        row, col = np.nonzero(used)
         index = np.stack([number[row + reach + r, col + reach + c] for r, c in offsets], axis=1)
-        object.__setattr__(self, "index", index)
-        object.__setattr__(self, "present", index >= 0)
-        object.__setattr__(self, "lags_um", offsets * np.array([self.dy_um, self.dx_um]))
+        return cls(offsets * np.array([dy_um, dx_um]), index, index >= 0, np.arange(len(index)))
 
-    def rows(self, noise: Noise, points: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return coefficients b (points, neighbours) and variances v (points,) of the given points, or of all."""
-        present = self.present if points is None else self.present[points]
-        patterns, place = np.unique(np.packbits(present, axis=1), axis=0, return_inverse=True)
-        patterns = np.unpackbits(patterns, axis=1, count=present.shape[1]).astype(float)
+    def __getitem__(self, points: np.ndarray) -> Neighbourhood:
+        """Return the neighbourhoods of some of the points."""
+        return Neighbourhood(self.lags_um, self.index[points], self.present[points], self.own[points])
+
+    @cached_property
+    def patterns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Every set of present neighbours once, (patterns, neighbours) of 0 and 1, and which of them a point has."""
+        packed, place = np.unique(np.packbits(self.present, axis=1), axis=0, return_inverse=True)
+        return np.unpackbits(packed, axis=1, count=self.present.shape[1]).astype(float), place.ravel()
+
+    @cached_property
+    def entries(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and places of all present neighbours."""
+        return np.nonzero(self.present)
+
+    def rows(self, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coefficients b (points, neighbours) and the variances v (points,)."""
+        patterns, place = self.patterns
         lags = np.linalg.norm(self.lags_um[:, None] - self.lags_um, axis=-1)
         between, towards = covariance(noise, lags), covariance(noise, np.linalg.norm(self.lags_um, axis=-1))
         own = noise.sigma_um**2
@@ -78,17 +102,31 @@ class Neighbourhood:
             matrix[:, range(known.shape[1]), range(known.shape[1])] += own * (1 - known)
             coefficients[first : first + _CHUNK] = np.linalg.solve(matrix, (towards * known)[..., None])[..., 0]
         variances = own - coefficients @ towards
-        return coefficients[place.ravel()], variances[place.ravel()]
+        return coefficients[place], variances[place]
+
+    def whitened(self, values: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+        """Whiten the points' own values, given those of all measured points, shape (all, columns).
+
+        Returns
+        -------
+        white : numpy.ndarray, shape (points, columns)
+        variances : numpy.ndarray, shape (points,)
+        """
+        coefficients, variances = self.rows(noise)
+        at, place = self.entries
+        shape = (len(self.own), len(values))
+        matrix = sparse.csr_array((coefficients[at, place], (at, self.index[at, place])), shape=shape)
+        return (values[self.own] - matrix @ values) / np.sqrt(variances)[:, None], variances
 
     def whitener(self, noise: Noise) -> sparse.csr_array:
-        """Return W (points, points): W·ε has nearly independent entries of variance 1."""
+        """Return W (points, points) for all measured points: W·ε has nearly independent entries of variance 1."""
         coefficients, variances = self.rows(noise)
         points = len(variances)
         scale = 1 / np.sqrt(variances)
-        at, neighbour = np.nonzero(self.present)
-        entries = np.concatenate([scale, -(coefficients * scale[:, None])[at, neighbour]])
-        rows = np.concatenate([np.arange(points), at])
-        cols = np.concatenate([np.arange(points), self.index[at, neighbour]])
+        at, place = self.entries
+        entries = np.concatenate([scale, -(coefficients * scale[:, None])[at, place]])
+        rows = np.concatenate([self.own, at])
+        cols = np.concatenate([self.own, self.index[at, place]])
         return sparse.csr_array((entries, (rows, cols)), shape=(points, points))
 
 

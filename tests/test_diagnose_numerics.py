@@ -36,7 +36,7 @@ def holes() -> np.ndarray:
 
 def test_whitened_noise_is_white(holes):
     rng = np.random.default_rng(1)
-    whitener = Neighbourhood(holes, 0.4, 0.4).whitener(NOISE)
+    whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
     draws = np.stack([whitener @ NOISE.simulate(holes.shape, rng)[holes] for _ in range(40)])
     assert draws.var() == pytest.approx(1, abs=0.02)
     neighbours = np.mean(draws[:, 1:] * draws[:, :-1])
@@ -44,7 +44,7 @@ def test_whitened_noise_is_white(holes):
 
 
 def test_whitening_does_not_look_at_what_was_not_measured(holes):
-    whitener = Neighbourhood(holes, 0.4, 0.4).whitener(NOISE)
+    whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
     assert whitener.shape == (holes.sum(), holes.sum())
 
 

@@ -102,7 +102,8 @@ def extended(found: Diagnosis) -> ParameterSet:
         for item in found.named
         if side(item.names) == "undecided"
     ]
-    return replace(found.extended.fit.parameters, undecided=tuple(open_ones))
+    fitted = found.extended.fit
+    return replace(fitted.parameters, undecided=tuple(open_ones), intervals=fitted.intervals())
 
 
 def _prepared(target: Path, recording: Path, wall_px: int) -> tuple[Recording, HeightMap]:

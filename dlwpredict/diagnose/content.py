@@ -95,14 +95,11 @@ def _strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, Any]]:
 
 def _model(model: Model, found: Diagnosis) -> dict[str, Any]:
     fitted = model.fit
-    sd = np.sqrt(np.diag(fitted.covariance()))
-    values: dict[str, Any] = {}
-    for k, name in enumerate(fitted.free.names):
-        declared = fittable(fitted.parameters)[name]
-        low, high = np.clip(fitted.point.vector[k] + 1.96 * sd[k] * np.array([-1, 1]), declared.low, declared.high)
-        values[name] = {
-            "value": _short(fitted.point.vector[k]), "low": _short(low), "high": _short(high), "unit": declared.unit,
-        }  # fmt: skip
+    units, vector = fittable(fitted.parameters), fitted.point.vector
+    values = {
+        name: {"value": _short(vector[k]), "low": _short(low), "high": _short(high), "unit": units[name].unit}
+        for k, (name, (low, high)) in enumerate(fitted.intervals().items())
+    }
     return {
         "rmse_um": _short(fitted.rmse_um()),
         "holdout_rmse_um": _short(found.held_out_um(fitted)),

@@ -107,7 +107,7 @@ class Whitened:
     def of(cls, recording: Recording, noise: Noise, discretisation_um: np.ndarray) -> Whitened:
         """Build the whitener of a recording."""
         grid = recording.target
-        neighbours = Neighbourhood(recording.used, grid.dx_um, grid.dy_um)
+        neighbours = Neighbourhood.of(recording.used, grid.dx_um, grid.dy_um)
         return cls(recording, noise, neighbours.whitener(noise), discretisation_um)
 
     def white(self, maps: np.ndarray) -> np.ndarray:

@@ -107,6 +107,12 @@ class Fit:
             scale, scale
         )
 
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Return the 95 % interval of every free parameter, inside its bounds."""
+        half = 1.96 * np.sqrt(np.diag(self.covariance()))
+        low, high = (np.clip(self.point.vector + s * half, self.free.low, self.free.high) for s in (-1, 1))
+        return {name: (float(a), float(b)) for name, a, b in zip(self.free.names, low, high, strict=True)}
+
 
 def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
     """Predict recordings with given parameters; only nuisances are fitted, and there are no derivatives."""

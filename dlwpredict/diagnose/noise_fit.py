@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage, optimize, sparse, special
+from scipy import ndimage, optimize, special
 
 from dlwpredict.noise import Noise
 from dlwpredict.whitening import Neighbourhood
@@ -97,18 +97,18 @@ def estimate(
         Of the choice of points, and of the drawn noise.
     """
     y, design = values_um[used], smooth[:, used].T
-    neighbours = Neighbourhood(used, *pitch_um, near_px=2, far_px=(4, 8, 16))
+    every = Neighbourhood.of(used, *pitch_um, near_px=2, far_px=(4, 8, 16))
     draw = np.random.default_rng(seed)
-    likelihood = _Likelihood(neighbours, _some(np.arange(len(y)), SEARCHED_POINTS, draw), y[:, None], design)
+    likelihood = _Likelihood(every[_some(np.arange(len(y)), SEARCHED_POINTS, draw)], y[:, None], design)
     model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds)
-    quiet = likelihood.quiet(model)
+    quiet = _quiet(every, y, used, model)
     if len(quiet) < len(y):
-        likelihood = replace(likelihood, chosen=_some(quiet, SEARCHED_POINTS, draw))
+        likelihood = replace(likelihood, chosen=every[_some(quiet, SEARCHED_POINTS, draw)])
         model, place = _searched(likelihood, model, (model.smoothness,))
-    likelihood = replace(likelihood, chosen=_some(quiet, MOST_POINTS, draw))
+    likelihood = replace(likelihood, chosen=every[_some(quiet, MOST_POINTS, draw)])
     for _ in range(RECENTRED):
         start = place
-        place, repeated = _repeated(likelihood, _at(model, start), start, draw)
+        place, repeated = _repeated(likelihood, used, _at(model, start), start, draw)
         if np.abs(place - start).max() < SMALL_STEP.min():
             break
     place = place - np.clip(repeated.mean(axis=0) - start, -1, 1)
@@ -124,7 +124,8 @@ def _searched(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> t
     """Return the most likely model, over the kinds of correlation too, and its place."""
     pitch = float(np.sqrt(like.dx_um * like.dy_um))
     longest = pitch * np.sqrt(len(likelihood.values_um)) / 6
-    grid = [np.array([share, np.log(length)]) for share in (-1.0, 2.0) for length in pitch * np.array([1.0, 3.0, 9.0])]
+    lengths = np.minimum(pitch * np.array([1.0, 3.0, 9.0]), longest)
+    grid = [np.array([share, np.log(length)]) for share in (-1.0, 2.0) for length in lengths]
     best = np.inf
     for kind in kinds:
         template = replace(like, smoothness=kind)
@@ -158,17 +159,15 @@ class _Likelihood:
 
     Parameters
     ----------
-    neighbours : Neighbourhood
-    chosen : numpy.ndarray of int
-        Points whose conditional density enters.
+    chosen : Neighbourhood
+        Of the points whose conditional density enters.
     values_um : numpy.ndarray, shape (points, maps)
         One map or several, each with a likelihood of its own.
     design : numpy.ndarray, shape (points, columns)
         What may be in the values besides noise.
     """
 
-    neighbours: Neighbourhood
-    chosen: np.ndarray
+    chosen: Neighbourhood
     values_um: np.ndarray
     design: np.ndarray
 
@@ -177,47 +176,35 @@ class _Likelihood:
 
         All terms are scaled from the chosen points up to all points: the design is one and is not scaled.
         """
-        maps, share = self.values_um.shape[1], len(self.values_um) / len(self.chosen)
-        coefficients, variances = self.neighbours.rows(model, self.chosen)
-        joined = np.column_stack([self.values_um, self.design])
-        white = _condition(joined, self.neighbours, self.chosen, coefficients, variances)
-        basis, triangle = np.linalg.qr(white[:, maps:])
-        pivots = np.abs(np.diag(triangle))
-        real = pivots > 1e-9 * pivots.max(initial=1e-300)
-        logs = share * np.log(variances).sum() + 2 * np.log(pivots[real]).sum()
-        freedom = len(self.values_um) - int(real.sum())
-        along = basis[:, real].T @ white[:, :maps]
-        squares = np.sum(white[:, :maps] ** 2, axis=0) - np.sum(along**2, axis=0)
-        square = squares / (len(self.chosen) - int(real.sum()))
-        return logs + freedom * np.log(square), np.sqrt(square)
-
-    def quiet(self, model: Noise) -> np.ndarray:
-        """Return the points far from any whose whitened value is no noise; all of them where those are a third."""
-        every = np.arange(len(self.values_um))
-        white = _condition(self.values_um[:, :1], self.neighbours, every, *self.neighbours.rows(model))[:, 0]
-        loud = np.zeros(self.neighbours.used.shape, dtype=bool)
-        loud[self.neighbours.used] = np.abs(white) > OUTLYING
-        near = ndimage.binary_dilation(loud, iterations=LOUD_PX)[self.neighbours.used]
-        return every if near.mean() > 1 / 3 else every[~near]
+        maps, points = self.values_um.shape[1], len(self.chosen.own)
+        share = len(self.values_um) / points
+        white, variances = self.chosen.whitened(np.column_stack([self.values_um, self.design]), model)
+        values, columns = white[:, :maps], white[:, maps:]
+        energies, turn = np.linalg.eigh(columns.T @ columns)
+        real = energies > 1e-10 * energies.max(initial=1e-300)
+        along = (turn[:, real] / np.sqrt(energies[real])).T @ (columns.T @ values)
+        rank = int(real.sum())
+        square = (np.sum(values**2, axis=0) - np.sum(along**2, axis=0)) / (points - rank)
+        logs = share * np.log(variances).sum() + np.log(energies[real]).sum()
+        return logs + (len(self.values_um) - rank) * np.log(square), np.sqrt(square)
 
 
-def _condition(joined: np.ndarray, neighbours: Neighbourhood, chosen: np.ndarray,
-               coefficients: np.ndarray, variances: np.ndarray) -> np.ndarray:  # fmt: skip
-    """Return the whitened rows of the chosen points."""
-    index, present = neighbours.index[chosen], neighbours.present[chosen]
-    at, place = np.nonzero(present)
-    matrix = sparse.csr_array((coefficients[at, place], (at, index[at, place])), shape=(len(chosen), len(joined)))
-    return (joined[chosen] - matrix @ joined) / np.sqrt(variances)[:, None]
+def _quiet(every: Neighbourhood, values_um: np.ndarray, used: np.ndarray, model: Noise) -> np.ndarray:
+    """Return the points far from any whose whitened value is no noise; all of them where those are a third."""
+    white, _ = every.whitened(values_um[:, None], model)
+    loud = np.zeros(used.shape, dtype=bool)
+    loud[used] = np.abs(white[:, 0]) > OUTLYING
+    near = ndimage.binary_dilation(loud, iterations=LOUD_PX)[used]
+    return every.own if near.mean() > 1 / 3 else every.own[~near]
 
 
 def _repeated(
-    likelihood: _Likelihood, model: Noise, place: np.ndarray, rng: np.random.Generator
+    likelihood: _Likelihood, used: np.ndarray, model: Noise, place: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the place of the values themselves, (3,), and those found alike on maps drawn from a model, (maps, 3).
 
     For every map a quadratic in (share, length), through nine places around the model's own, stands for its deviance.
     """
-    used = likelihood.neighbours.used
     drawn = np.stack([model.simulate(used.shape, rng)[used] for _ in range(REPLICATES)], axis=1)
     every = replace(likelihood, values_um=np.column_stack([likelihood.values_um, drawn]))
     pitch = float(np.sqrt(model.dx_um * model.dy_um))

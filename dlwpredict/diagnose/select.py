@@ -298,12 +298,10 @@ def _effect(fitted: Fit, name: str) -> Effect:
 
 def strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, float | str]]:
     """Return value and 95 % interval of every freed parameter of an effect, inside its declared range."""
-    sd = np.sqrt(np.diag(fitted.covariance()))
-    found = {}
+    intervals, found = fitted.intervals(), {}
     for name, (_, declared) in declarations(effect).items():
-        k = fitted.free.index(f"{effect.name}.{name}")
-        if k is not None:
-            value = float(fitted.point.vector[k])
-            low, high = (float(np.clip(value + s * 1.96 * sd[k], declared.low, declared.high)) for s in (-1, 1))
-            found[name] = {"value": value, "low": low, "high": high, "unit": declared.unit}
+        place = f"{effect.name}.{name}"
+        if place in intervals:
+            low, high = intervals[place]
+            found[name] = {"value": float(getattr(effect, name)), "low": low, "high": high, "unit": declared.unit}
     return found
