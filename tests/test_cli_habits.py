@@ -115,7 +115,7 @@ def test_what_is_not_finite_is_null(tmp_path):
     assert json.loads(run("convert", tmp_path / "a.tif", "-o", tmp_path / "b.tif", "--json", "-").stdout)["rows"] == 64
 
 
-SAYS_NO_FIGURES = {"batch", "report", "verify", "diagnose"}  # diagnose: the diagnosis is a file of figures already
+SAYS_NO_FIGURES = {"batch", "report", "verify"}
 
 
 def test_every_command_that_says_figures_has_json():

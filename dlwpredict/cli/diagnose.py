@@ -17,6 +17,7 @@ from dlwpredict.calibrate import Recording, prepare
 from dlwpredict.calibrate.recordings import WALL_PX, coarser
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say
+from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnose.advise import advise
 from dlwpredict.diagnose.content import content_of
 from dlwpredict.diagnose.run import LEVEL, Diagnosis, diagnose
@@ -32,6 +33,8 @@ from dlwpredict.parameters import ParameterSet, Undecided
 
 COMMAND = "diagnose"
 CLASS = options.PairCommand
+STREAMS = {"output": ".yaml"}
+FIGURES = True
 
 LARGEST_PX = 200
 """Maps are averaged over whole pixels until no side is longer than this: physics is wider than a camera's pixel."""
@@ -89,6 +92,7 @@ def run(
     if params_out:
         write_parameters(params_out, replace(extended(found), provenance=content["provenance"]))
     write_text(output, yaml_text(content))
+    figures(content)
     from dlwpredict.pages.terminal import lines
 
     for line in lines(content):

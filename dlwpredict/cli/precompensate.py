@@ -17,6 +17,7 @@ from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
+from dlwpredict.files.formats import format_of
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
@@ -76,6 +77,7 @@ def run(
     """
     options.check_outputs(output, report, unreachable, plot, overwrite=overwrite)
     check_plot(plot)
+    format_of(output, "write")
     process = read_parameters(parameters)
     part = read_height_map(target)
     limits = Limits(maximum_um, process.writing.slicing_um if slicing_um is None else slicing_um)
