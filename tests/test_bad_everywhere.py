@@ -58,7 +58,7 @@ CALLS = {
     ],
     "export-stl": [("export-stl", "MAP", "-o", "OUT.stl")],
     "precompensate": [
-        ("precompensate", "MAP", "-o", "OUT.tif"),
+        ("precompensate", "MAP", "-o", "OUT.tif", "--report", "pre.yaml"),
         ("precompensate", "target.tif", "-p", "PARAMETERS", "-o", "OUT.tif", "--unreachable", "u.tif"),
     ],
     "predict": [

@@ -77,7 +77,8 @@ def run(
     """
     options.check_outputs(output, report, unreachable, plot, overwrite=overwrite)
     check_plot(plot)
-    format_of(output, "write")
+    with blaming(output):
+        format_of(output, "write")
     process = read_parameters(parameters)
     part = read_height_map(target)
     limits = Limits(maximum_um, process.writing.slicing_um if slicing_um is None else slicing_um)
