@@ -34,6 +34,16 @@ def run(folder: Path, *options: str):
     return CliRunner().invoke(app, ["align", *files, "-o", str(folder / "out.tif"), *options])
 
 
+@pytest.mark.parametrize(("stated", "said"), [(1.0, False), (1.1, True)])
+def test_a_wrong_pitch_is_named(pair, stated, said):
+    seen = read_height_map(pair / "recording.tif")
+    wrong = HeightMap(seen.heights_um, stated * seen.dx_um, stated * seen.dy_um)
+    write_height_map(pair / "recording.tif", wrong)
+    done = run(pair, "--allow-mirror")
+    assert done.exit_code == 0, done.output
+    assert ("is its pixel pitch right" in done.stderr) is said
+
+
 def test_leaves_map_and_report_and_never_overwrites(pair):
     report = pair / "align.yaml"
     done = run(pair, "--allow-mirror", "--report", str(report))

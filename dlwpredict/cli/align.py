@@ -21,6 +21,9 @@ COMMAND = "align"
 STREAMS = {"report": ".yaml"}
 FIGURES = True
 
+WRONG_PITCH = 0.05
+"""No part that its base holds and no calibrated instrument differs from the target by this share sideways."""
+
 
 def run(
     recording: Annotated[Path, typer.Argument(help="Recording: a height map from the microscope.")],
@@ -62,6 +65,9 @@ def run(
 
         names = "target", "aligned recording"
         plots.save(plot, plots.comparison(maps[1], found.aligned, names=names, caption=_line(found)))
+    strain = max(abs(scale - 1) for scale in found.pose.scale)
+    if strain > WRONG_PITCH:
+        warn(f"{recording}: {100 * strain:.0f} % off the target's scale: is its pixel pitch right (convert --pitch-um)?")
     if found.symmetry.endswith("fold"):
         warn(f"{target}: {found.symmetry} symmetry: of the equal rotations the smallest was taken")
     if found.symmetry == "round":
