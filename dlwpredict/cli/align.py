@@ -67,7 +67,7 @@ def run(
         plots.save(plot, plots.comparison(maps[1], found.aligned, names=names, caption=_line(found)))
     strain = max(abs(scale - 1) for scale in found.pose.scale)
     if strain > WRONG_PITCH:
-        warn(f"{recording}: {100 * strain:.0f} % off the target's scale: is its pixel pitch right (convert --pitch-um)?")
+        warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")
     if found.symmetry.endswith("fold"):
         warn(f"{target}: {found.symmetry} symmetry: of the equal rotations the smallest was taken")
     if found.symmetry == "round":
