@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import sys
 import time
@@ -22,7 +23,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from dlwpredict.files.atomic import write_text
-from tests.prove.answer import ask, code_sha256
+from tests.prove.answer import answered, ask, code_sha256
 from tests.prove.judge import judged
 from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, QUICK, listed
 from tests.prove.page import publish
@@ -84,20 +85,35 @@ def sealed(folder: Path, seed: int, jobs: Sequence[tuple[str, int]], pool: Execu
     return found
 
 
-def prove(folder: Path, seed: int, mix: dict[str, int], *, every: int, processes: int = 2) -> tuple[list[dict], dict]:
-    """Return the results of all cases, and the seal with the state of the program that answered."""
+def prove(
+    folder: Path, seed: int, mix: dict[str, int], *, every: int, processes: int = 2, minutes: float = math.inf
+) -> tuple[list[dict], dict]:
+    """Return the results of all cases, and the seal with the state of the program that answered.
+
+    After so many minutes nothing more is asked; what was asked by then is judged. The kinds take turns, in an order
+    that the seal holds.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     jobs, code = list(listed(mix)), code_sha256()
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         seal_of = sealed(folder, seed, jobs, pool)
         names = list(seal_of["cases"])
         with ThreadPoolExecutor(processes) as askers:
-            told("answered", partial(ask, folder), [(name, code) for name in names], askers)
+            last = time.monotonic() + 60 * minutes
+            answers = told("answered", partial(_asked, folder, last), [(name, code) for name in names], askers)
         if code_sha256() != code:
             raise ValueError("dlwpredict: code: changed while it was asked; run again")
-        opened = [(name, seal_of["cases"][name], kind[1] % every == 0) for name, kind in zip(names, jobs, strict=True)]
+        opened = [
+            (name, seal_of["cases"][name], kind[1] % every == 0)
+            for name, kind, answer in zip(names, jobs, answers, strict=True)
+            if answer is not None
+        ]
         results = told("judged", partial(_judged, folder), opened, pool)
     return results, {**seal_of, "code": code}
+
+
+def _asked(folder: Path, last: float, name: str, code: str) -> dict | None:
+    return ask(folder, name, code) if time.monotonic() < last or answered(folder, name, code) else None
 
 
 def _judged(folder: Path, name: str, seal_of: dict, beside: bool) -> dict:
@@ -112,12 +128,15 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="a handful of cases of each kind")
     parser.add_argument("--report", type=Path, help="folder of the result; RUN_DIR/report without")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="ask nothing more after so long")
     chosen = parser.parse_args(words)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes started below
     started, report = time.monotonic(), chosen.report or chosen.folder / "report"
     mix, every = (QUICK, EVERY_QUICK) if chosen.quick else (FULL, EVERY)
     try:
-        results, seal_of = prove(chosen.folder, SEEDS[chosen.seed], mix, every=every, processes=chosen.processes)
+        results, seal_of = prove(
+            chosen.folder, SEEDS[chosen.seed], mix, every=every, processes=chosen.processes, minutes=chosen.minutes
+        )
     except ValueError as fault:
         print(f"error: {fault}", file=sys.stderr)
         return 1

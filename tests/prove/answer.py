@@ -29,12 +29,19 @@ def code_sha256() -> str:
     return digest.hexdigest()
 
 
+def answered(folder: Path, name: str, code: str) -> dict | None:
+    """Return the answer on file, None where there is none or another state of the program gave it."""
+    kept = Folder(folder).answer(name)
+    answer = json.loads(kept.read_text()) if kept.exists() else {"code": None}
+    return answer if answer["code"] == code else None
+
+
 def ask(folder: Path, name: str, code: str) -> dict:
     """Return the program's answer to a case; the one on file where this state of the program gave it."""
     place = Folder(folder)
-    kept = place.answer(name)
-    if kept.exists() and (answer := json.loads(kept.read_text()))["code"] == code:
+    if (answer := answered(folder, name, code)) is not None:
         return answer
+    kept = place.answer(name)
     kept.parent.mkdir(parents=True, exist_ok=True)
     pairs = len(list(place.data(name).glob("target_*.tif")))
     words = [word for k in range(pairs) for word in ("--pair", f"target_{k}.tif", f"recording_{k}.tif")]
