@@ -18,7 +18,8 @@ HEAD = """# Proof on concealed effects
 {all} cases, made by the virtual printer and microscope in `tests/press` (which share no code with `dlwpredict`), were
 sealed: targets and recordings under opaque names, and the SHA-256 of what is concealed in them
 ([`seal.json`](seal.json)). Then `dlwpredict diagnose` was run on each as a command of its own; only after the last
-answer were the seals opened and the answers judged. Run: `{command}` (seed {seed}). {count} cases were asked ({kinds}){rest}.
+answer were the seals opened and the answers judged. Run: `{command}` (seed {seed}).
+{count} cases were asked ({kinds}){rest}.
 Maps of {pixels} x {pixels} pixels of {pitch} um; three random structures per case; random process, pose, noise level,
 kind and length of correlation. A fourth structure is printed too and kept from the program.
 
@@ -70,11 +71,12 @@ def text(results: Sequence[Mapping], lines: Sequence[Row], seal: Mapping, *, com
     kinds = [r["truth"]["kind"] for r in results]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(sorted(kinds)))
     seconds = sorted(r["seconds"] for r in results)[len(results) // 2]
-    rest = (
-        "" if len(results) == len(seal["cases"]) else "; time ended before the others, in an order that the seal holds"
-    )
-    head = HEAD.format(all=len(seal["cases"]), rest=rest, count=len(results), command=command, seed=seal["seed"], kinds=counts, pixels=PIXELS,
-                       pitch=PITCH_UM, limit=LIMIT_Z, seconds=seconds, code=seal["code"][:16])  # fmt: skip
+    every_case = len(seal["cases"])
+    head = HEAD.format(
+        all=every_case, count=len(results), kinds=counts, command=command, seed=seal["seed"], pixels=PIXELS,
+        pitch=PITCH_UM, limit=LIMIT_Z, seconds=seconds, code=seal["code"][:16],
+        rest="; time ended before the others, in an order that the seal holds" * (len(results) < every_case),
+    )  # fmt: skip
     parts = [head]
     for group, title in TITLES.items():
         parts.append(f"## {title}\n\n{_table([line for line in lines if line.group == group])}")
