@@ -10,7 +10,7 @@ from tests.prove.structures import PITCH_UM, PIXELS
 from tests.stories import STORIES, __main__, page, pictures
 from tests.stories.bench import MARGIN_UM, SIZE_UM, Bench, StepError
 from tests.stories.round_trip import PARTS, WAYS, Trip
-from tests.stories.story import Claim, Told, nm, verdict
+from tests.stories.story import Claim, Told, besides, nm, verdict
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +122,8 @@ def test_words():
     assert nm(0.0123) == "12.3 nm"
     assert verdict(diagnosis(("curl", "vignetting"), word="ambiguous")) == "ambiguous: curl or vignetting"
     assert verdict(diagnosis(word="none")) == "none"
+    assert besides(diagnosis(("curl",), ("z-drift",)), "curl") == " What else it names (z-drift) was not there."
+    assert besides(diagnosis(("curl", "z-drift")), "curl") == ""
 
 
 def test_round_trip_pools_the_parts():
@@ -132,6 +134,7 @@ def test_round_trip_pools_the_parts():
     }
     trip = Trip([], diagnosis(("curl",)), off)
     assert trip.change() == pytest.approx(-0.75)
+    assert trip.change("first print") == pytest.approx(24)
     assert "| seven parameters | 40.0 |" in trip.table()
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from tests.stories import pictures
 from tests.stories.bench import PROCESS, SIZE_UM, Bench
-from tests.stories.story import Claim, Told, nm, verdict
+from tests.stories.story import Claim, Told, besides, nm, verdict
 
 TITLE = "An effect wholly absorbed by calibration"
 MEMORY = {"name": "dose-memory", "gain": 0.12, "length_um": 6.0, "model": "time"}
@@ -68,18 +68,18 @@ def told(fits: dict, change: float, alone: dict, two: dict, errors: dict) -> Tol
         for (key, found), true in zip(fits["ramp"]["parameters"].items(), PROCESS.values(), strict=True)
     )
     text = f"""
-A ramp rises along the hatch. What is concealed changes its print by {nm(change)} (rms), many times the noise of
-{nm(alone["noise_um"])}. Yet after calibration the error is {nm(left["ramp"])}; the same ramp from a press without the
-effect gives {nm(left["ramp_without"])}. The seven parameters have taken everything, and `diagnose` rightly says:
-*{verdict(alone)}*. Only the parameters have moved:
+A ramp rises along the hatch. What is concealed changes its print by {nm(change)} (rms); the noise is
+{nm(alone["noise_um"])}. After calibration the error is {nm(left["ramp"])}; the same ramp from a press without the
+effect gives {nm(left["ramp_without"])}. `diagnose`, given this ramp alone, says: *{verdict(alone)}*. The change went
+into the parameters, where nobody can tell it from the process:
 
 | parameter | with the effect | without | of the press |
 |---|---|---|---|
 {driven}
 
-A second structure, waves on a plate, cannot be predicted with them: {nm(ramp["waves"])} off. Calibrated on both, the
+A second structure, waves on a plate, is {nm(ramp["waves"])} off what they predict. Calibrated on both, the
 seven parameters leave {nm(pair["ramp"])} and {nm(pair["waves"])}. `diagnose` on both says: *{verdict(two)}*; with
-that the errors are {nm(extended["ramp"])} and {nm(extended["waves"])}.
+that the errors are {nm(extended["ramp"])} and {nm(extended["waves"])}.{besides(two, MEMORY["name"])}
 
 A third structure, a roughness map, was in no fit and no choice. The seven parameters miss it by {nm(pair["rough"])},
 the process with what was found by {nm(extended["rough"])}.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.stories.bench import Bench
 from tests.stories.round_trip import PICTURES, round_trip
-from tests.stories.story import Claim, Told, verdict
+from tests.stories.story import Claim, Told, besides, verdict
 
 TITLE = "A concealed effect corrected, from raw recordings to the next print"
 MEMORY = {"name": "dose-memory", "gain": 0.12, "length_um": 6.0, "model": "time"}
@@ -19,7 +19,8 @@ def tell(bench: Bench) -> Told:
     named = [name for one in trip.diagnosis["findings"] for name in one["effects"]]
     text = f"""
 Three parts are printed and recorded: {trip.aligned()}. The recordings are aligned and calibrated together, and
-`diagnose` says: *{verdict(trip.diagnosis)}*. Then every target is corrected twice, with the seven parameters and with
+`diagnose` says: *{verdict(trip.diagnosis)}*.{besides(trip.diagnosis, MEMORY["name"])}
+Then every target is corrected twice, with the seven parameters and with
 what was found, and both go to the same press again. Its true surfaces are compared with the targets, 2 µm inside the
 outline:
 

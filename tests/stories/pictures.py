@@ -76,8 +76,12 @@ def profiles(path: Path, shown: Mapping[str, Mapping[str, tuple[np.ndarray, np.n
 
 def error(reference: HeightMap, test: HeightMap) -> HeightMap:
     """Return test − reference inside the reference's part, away from its walls; NaN elsewhere."""
-    change = test.heights_um - reference.heights_um
-    return reference.with_heights(np.where(inside(reference), change, np.nan))
+    return within(reference, reference.with_heights(test.heights_um - reference.heights_um))
+
+
+def within(part: HeightMap, shown: HeightMap) -> HeightMap:
+    """Return a map inside a part, away from its walls; NaN elsewhere."""
+    return shown.with_heights(np.where(inside(part), shown.heights_um, np.nan))
 
 
 def along(one: HeightMap, axis: str) -> tuple[np.ndarray, np.ndarray]:

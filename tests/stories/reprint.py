@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.stories import pictures
 from tests.stories.bench import Bench
-from tests.stories.story import Claim, Told, first_class, verdict
+from tests.stories.story import Claim, Told, besides, first_class, verdict
 
 TITLE = "A class of look-alikes that a re-print turned by 90° resolves"
 MEMORY = {"name": "dose-memory", "gain": 0.04, "length_um": 8.0}
@@ -51,7 +51,7 @@ A bar, {WIDTH_UM:g} µm wide and long along the lines, is printed and recorded. 
 Its own advice on what would tell them apart: {advised or "none"}
 
 The same design is turned by 90° and printed again by the same press, so that the bar is long along the hatch. On both
-recordings `diagnose` says: *{verdict(after)}*.
+recordings `diagnose` says: *{verdict(after)}*.{besides(after, name)}
 
 | | printed with | found | 95 % interval |
 |---|---|---|---|
@@ -78,13 +78,14 @@ recordings `diagnose` says: *{verdict(after)}*.
 def draw(bench: Bench) -> None:
     """Draw the recordings, the residuals, and their means along the hatch."""
     seen = {part: bench.map(f"{part}_recording.tif") for part in PARTS}
+    targets = {part: bench.map(f"{part}.tif") for part in PARTS}
     left = {part: bench.map(f"after_maps/residual_{k}.tif") for k, part in enumerate(PARTS)}
     residuals = {f"{part}: left": one for part, one in left.items()}
     pictures.maps(bench.folder / "bars.png", seen, residuals)
     curves = {
         part: {
-            "left": pictures.along(left[part], "x"),
-            "explained": pictures.along(bench.map(f"after_maps/explained_{k}.tif"), "x"),
+            name: pictures.along(pictures.within(targets[part], one), "x")
+            for name, one in (("left", left[part]), ("explained", bench.map(f"after_maps/explained_{k}.tif")))
         }
         for k, part in enumerate(PARTS)
     }

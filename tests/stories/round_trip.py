@@ -30,8 +30,12 @@ RAW = {
 }  # fmt: skip
 """The microscope's own pixels and faults: noise, spikes, and holes where it is steep and in blotches."""
 
-WAYS = {"seven parameters": "process", "with what was found": "found_extended"}
-"""The two corrections and the parameter file of each."""
+SEVEN, FOUND = "seven parameters", "with what was found"
+WAYS = {SEVEN: "process", FOUND: "found_extended"}
+"""The two corrections and the parameter file of each. What may be the microscope's is not corrected ..."""
+
+BOLD = "the open ones taken for the print's"
+"""... and for comparison, where the side of something is open, the opposite."""
 
 
 @dataclass(frozen=True)
@@ -44,21 +48,23 @@ class Trip:
         What `align` found of each recording, beside the truth.
     diagnosis : dict
     off_um : dict of str to dict of str to float
-        True shape errors: of the first print, and of both corrected ones, by part.
+        True shape errors: of the first print, and of the corrected ones, by part.
+    refusal : str
+        What `precompensate` says where the side of something is open.
     """
 
     poses: list[dict[str, Any]]
     diagnosis: dict[str, Any]
     off_um: dict[str, dict[str, float]]
+    refusal: str = ""
 
     def rms(self, way: str) -> float:
         """Return the root of the mean square of a way's errors over the parts, µm."""
         return float(np.sqrt(np.mean(np.square([*self.off_um[way].values()]))))
 
-    def change(self) -> float:
-        """Return by which share the error with what was found differs from that of the seven parameters."""
-        seven, found = (self.rms(way) for way in WAYS)
-        return found / seven - 1
+    def change(self, way: str = FOUND) -> float:
+        """Return by which share the error of a way differs from that of the seven parameters."""
+        return self.rms(way) / self.rms(SEVEN) - 1
 
     def table(self) -> str:
         """Return the errors as a Markdown table, nm."""
@@ -82,7 +88,8 @@ class Trip:
     def figures(self) -> dict[str, Any]:
         """Return all numbers."""
         pooled = {way: self.rms(way) for way in self.off_um}
-        return {"off_um": self.off_um, "rms_um": pooled, "change": self.change(), "poses": self.poses}
+        return {"off_um": self.off_um, "rms_um": pooled, "change": self.change(), "refusal": self.refusal,
+                "poses": self.poses}  # fmt: skip
 
 
 def round_trip(
@@ -90,7 +97,7 @@ def round_trip(
 ) -> Trip:
     """Print, record, align, calibrate, diagnose, correct both ways, print again."""
     settings = bench.settings("press.yaml", effects=effects, **press)
-    pairs, poses, off = {}, [], {"first print": {}, **{way: {} for way in WAYS}}
+    pairs, poses, off = {}, [], {"first print": {}}
     for seed, ((part, (kind, options)), pose) in enumerate(zip(PARTS.items(), POSES, strict=True), start=1):
         target = bench.design(kind, part, **options)
         printed = bench.printed(target, settings, part)
@@ -102,15 +109,24 @@ def round_trip(
         off["first print"][part] = bench.off(target, bench.surface(printed, f"{part}_first"))
     bench.calibrated("process", [*pairs.values()])
     found = bench.diagnosed("found", [*pairs.values()], "-p", "process.yaml", "--no-advice")
+    refusal = ""
     for way, process in WAYS.items():
-        for part, (target, _) in pairs.items():
-            written = f"{part}_{process}_written.tif"
-            open_side = ["--undecided", "print"] if "undecided" in bench.yaml(f"{process}.yaml") else []
-            bench.program("precompensate", target, "-p", f"{process}.yaml", *open_side, "-o", written)
-            again = bench.printed(written, settings, f"{part}_{process}")
-            off[way][part] = bench.off(target, bench.surface(again, f"{part}_{process}_again"))
+        sided = "undecided" in bench.yaml(f"{process}.yaml")
+        if sided:
+            refusal = bench.refused("precompensate", "waves.tif", "-p", f"{process}.yaml", "-o", "refused.tif")
+            off[BOLD] = {part: _corrected(bench, part, process, settings, "print") for part in PARTS}
+        off[way] = {part: _corrected(bench, part, process, settings, "measurement" if sided else "") for part in PARTS}
     draw(bench, off)
-    return Trip(poses, found, off)
+    return Trip(poses, found, off, refusal)
+
+
+def _corrected(bench: Bench, part: str, process: str, press: str, side: str) -> float:
+    """Correct a target, print it again, and return how far the print is off the target, µm."""
+    name = f"{part}_{process}" + ("_as_print" if side == "print" else "")
+    words = ["--undecided", side] if side else []
+    bench.program("precompensate", f"{part}.tif", "-p", f"{process}.yaml", *words, "-o", f"{name}_written.tif")
+    again = bench.printed(f"{name}_written.tif", press, name)
+    return bench.off(f"{part}.tif", bench.surface(again, f"{name}_again"))
 
 
 def draw(bench: Bench, off: Mapping[str, Mapping[str, float]]) -> None:

@@ -72,3 +72,13 @@ def verdict(diagnosis: dict[str, Any]) -> str:
 def first_class(diagnosis: dict[str, Any]) -> list[str]:
     """Return the members of the strongest finding."""
     return diagnosis["findings"][0]["effects"] if diagnosis["findings"] else []
+
+
+def besides(diagnosis: dict[str, Any], name: str) -> str:
+    """Return a sentence on findings that do not hold what was concealed; nothing where there are none.
+
+    >>> besides({"findings": [{"effects": ["curl"]}, {"effects": ["z-drift", "z-linearity"]}]}, "curl")
+    ' What else it names (z-drift or z-linearity) was not there.'
+    """
+    others = "; ".join(" or ".join(one["effects"]) for one in diagnosis["findings"] if name not in one["effects"])
+    return f" What else it names ({others}) was not there." if others else ""

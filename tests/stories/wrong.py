@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from tests.stories import pictures
 from tests.stories.bench import PITCH_UM, SIZE_UM, Bench
-from tests.stories.story import Claim, Told, first_class, nm, verdict
+from tests.stories.story import Claim, Told, besides, first_class, nm, verdict
 
 TITLE = "The same gain from a wrong effect"
 RISE_UM = 0.12
@@ -68,12 +68,12 @@ def told(bench: Bench, errors: dict, sizes: dict[str, float], one: dict, both: d
 One plate of {SIZE_UM:.1f} µm is printed and recorded. The seven parameters leave {nm(seven["wide"])} where the noise is
 {nm(noise)}. Adding `{right}` (rim up by {sizes[right]:.3f} µm; printed with {RISE_UM:g} µm) brings the error to
 {nm(with_right["wide"])}; adding `{wrong}` instead (sag of {sizes[wrong]:.2f} µm at 50 µm; there is none) brings it to
-{nm(with_wrong["wide"])}. The gain cannot say which one is true, and `diagnose` does not pretend that it could:
+{nm(with_wrong["wide"])}. The gain cannot say which one is true. `diagnose` says:
 *{verdict(one)}*.
 
 A second plate of half the width, from the same press, was in no fit. There the two predict different rims:
 {nm(with_right["narrow"])} off with `{right}`, {nm(with_wrong["narrow"])} with `{wrong}`, {nm(seven["narrow"])} with the
-seven parameters alone. Given both recordings, `diagnose` says: *{verdict(both)}*.
+seven parameters alone. Given both recordings, `diagnose` says: *{verdict(both)}*.{besides(both, right)}
 """
     claims = (
         Claim(f"both effects bring the same gain (errors within {EQUAL:.0%})",
