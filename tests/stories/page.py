@@ -7,7 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dlwpredict.files.atomic import write_text
+from tests.stories.bench import FINER
 from tests.stories.story import Told
+
+STEPS = f"""Commands as they were called in this folder, and what they said. The YAML files of press and microscope lie
+beside them; `NAME_fine.tif` is `NAME.tif` with every pixel written as {FINER} × {FINER}."""
 
 FOOT = """Every number above comes from the run and stands in [`figures.json`](figures.json); all files are in this
 folder. Small parts, printed and recorded by the virtual press and microscope of `tests/press`, which share no code with
@@ -34,7 +38,7 @@ def text(name: str, told: Told, steps: Sequence[Mapping[str, str]]) -> str:
     ]
     parts = [
         f"# {told.title}", f"*Concealed from the program:* {told.concealed}", told.text.strip(), "\n".join(lines),
-        *shown, "## Step by step", "Commands as they were called in this folder, and what they said.",
+        *shown, "## Step by step", STEPS,
         "\n".join(said), FOOT.format(name=name),
     ]  # fmt: skip
     return "\n\n".join(parts) + "\n"
