@@ -155,8 +155,8 @@ def test_every_parameter_set_of_the_configs_is_read_and_listed():
 
 
 def test_the_version_comes_with_those_of_the_libraries():
-    said = CliRunner().invoke(app, ["--version"]).stdout.split()
-    found = dict(zip(said[::2], said[1::2], strict=True))
+    said = CliRunner().invoke(app, ["--version"]).stdout.splitlines()
+    found = dict(line.split(maxsplit=1) for line in said)
     assert found["numpy"] == metadata.version("numpy")
     assert found["dlwpredict"] == metadata.version("dlwpredict")
     assert {"python", "scipy", "typer", "tifffile", "trimesh"} <= found.keys()
