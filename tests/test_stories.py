@@ -110,6 +110,7 @@ def test_exit_code_says_whether_all_claims_hold(tmp_path, monkeypatch, capsys, h
     monkeypatch.setitem(__main__.STORIES, "wrong", Story)
     assert __main__.main([str(tmp_path), "wrong"]) == code
     assert f"{sum(holds)} of 2 claims hold" in (tmp_path / "README.md").read_text()
+    assert "[A story](wrong/README.md)" in (tmp_path / "README.md").read_text()
     assert ("DOES NOT HOLD" in capsys.readouterr().out) == bool(code)
 
 

@@ -44,10 +44,11 @@ def text(name: str, told: Told, steps: Sequence[Mapping[str, str]]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def index(folder: Path, pages: Mapping[str, Told]) -> None:
-    """Write the list of the stories told in a run."""
+def index(root: Path) -> None:
+    """Write the list of all stories that stand in a folder."""
     lines = ["# Stories of concealed physics", "", "| story | as told |", "|---|---|"]
-    for name, told in pages.items():
-        held = sum(one.holds for one in told.claims)
-        lines.append(f"| [{told.title}]({name}/README.md) | {held} of {len(told.claims)} claims hold |")
-    write_text(folder / "README.md", "\n".join(lines) + "\n")
+    for path in sorted(root.glob("*/figures.json")):
+        title = path.with_name("README.md").read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")
+        holds = [one["holds"] for one in json.loads(path.read_text(encoding="utf-8"))["claims"]]
+        lines.append(f"| [{title}]({path.parent.name}/README.md) | {sum(holds)} of {len(holds)} claims hold |")
+    write_text(root / "README.md", "\n".join(lines) + "\n")
