@@ -81,9 +81,10 @@ class _Scene:
         gram = dict(zip([(one, one), (one, x), (one, y), (x, x), (x, y), (y, y), (one, r), (x, r), (y, r), (r, r),
                          (one, t), (x, t), (y, t), (r, t), (t, t)], c, strict=True))  # fmt: skip
         for k in (one, x, y):
+            own = np.where(gram[k, k] > 0, gram[k, k], np.inf)  # an overlap one pixel wide has no slope across
             for i, j in gram:
                 if k < i:
-                    gram[i, j] = gram[i, j] - gram[k, i] * gram[k, j] / gram[k, k]
+                    gram[i, j] = gram[i, j] - gram[k, i] * gram[k, j] / own
         power = gram[r, r] * gram[t, t]
         found = np.zeros(shared.shape)
         clear = power > 1e-4 * (gram[r, r] * gram[t, t]).max(initial=0.0)  # flat patches correlate by rounding only
