@@ -108,16 +108,12 @@ def prove(
             for name, kind, answer in zip(names, jobs, answers, strict=True)
             if answer is not None
         ]
-        results = told("judged", partial(_judged, folder), opened, pool)
+        results = told("judged", partial(judged, folder), opened, pool)
     return results, {**seal_of, "code": code}
 
 
 def _asked(folder: Path, last: float, name: str, code: str) -> dict | None:
     return ask(folder, name, code) if time.monotonic() < last or answered(folder, name, code) else None
-
-
-def _judged(folder: Path, name: str, seal_of: dict, beside: bool) -> dict:
-    return judged(folder, name, seal_of, beside=beside)
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -57,7 +57,7 @@ def opened(folder: Path, name: str, seal: Mapping) -> dict:
     return json.loads(place.truth(name).read_text())
 
 
-def judged(folder: Path, name: str, seal: Mapping, *, beside: bool) -> dict:
+def judged(folder: Path, name: str, seal: Mapping, beside: bool) -> dict:
     """Return the result of a case, made unless it is on file for this answer; with `beside`, the baselines too."""
     place = Folder(folder)
     answer, kept = json.loads(place.answer(name).read_text()), place.result(name)
