@@ -366,3 +366,9 @@ def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp
     assert len(asked) == 2 and again == json.loads(json.dumps(results))
     page.publish(tmp_path / "report", results, sealed, command="make prove", every=9)
     assert "2 of 2 = 100.0%" in (tmp_path / "report" / "README.md").read_text()
+
+
+def test_worker_processes_find_what_they_are_sent():
+    """A process that is started anew does not import a package's `__main__`."""
+    for work in (prove.seal, prove.judged):
+        assert work.__module__ != prove.__name__
