@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -86,7 +87,9 @@ def test_a_killed_worker_loses_nothing(folder):
         first.send_signal(signal.SIGKILL)
         said, errors = running.communicate(timeout=120)
         assert running.returncode == 0, errors
-        assert f"{COUNT} structures: {COUNT} done, 0 finished before, 0 failed" in said
+        done, before, failed = map(int, re.search(r"(\d+) done, (\d+) finished before, (\d+) failed", said).groups())
+        # Killed between its last file and its word to the scheduler, a worker leaves a job that is done already.
+        assert (done + before, failed) == (COUNT, 0) and before <= 1, said
         check_results(folder)
         again = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
         assert f"{COUNT} finished before" in again.stdout
