@@ -96,42 +96,52 @@ def block_mean(plane: np.ndarray, factors: Sequence[int]) -> np.ndarray:
     return plane.reshape(rows, factors[0], cols, factors[1]).mean(axis=(1, 3))
 
 
-def spline_matrix(positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Return the matrix (positions, nodes) of cubic-spline interpolation."""
-    return make_interp_spline(nodes, np.eye(len(nodes)), k=3)(positions)
-
-
 def wide_blur(plane: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray:
     """Do what `blur` does, to about 1e-5 of a step, but evaluate a wide Gaussian on no more points than it needs."""
     if min(sigma_y_px, sigma_x_px) < WIDE_PIXELS_PER_SIGMA:
         return blur(plane, sigma_y_px, sigma_x_px)
-    rows, cols = (sparse_means(n, float(s)) for n, s in zip(plane.shape, (sigma_y_px, sigma_x_px), strict=True))
-    (up_y, down_y), (up_x, down_x) = (
-        (spline_matrix(np.arange(n), points), down) for n, (points, down) in zip(plane.shape, (rows, cols), strict=True)
+    (down_y, up_y), (down_x, up_x) = (
+        sparse_means(n, float(s)) for n, s in zip(plane.shape, (sigma_y_px, sigma_x_px), strict=True)
     )
     return up_y @ (down_y @ plane @ down_x.T) @ up_x.T
 
 
 @lru_cache(maxsize=16)
-def sparse_means(count: int, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return Gaussian means along a row of pixels, at no more points than a cubic spline through them needs.
+def sparse_means(count: int, sigma_px: float, finer: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return Gaussian means along a row of pixels as two matrices, up @ down, that meet at few points.
+
+    The points lie σ/4 apart, or one pixel where σ is below 4 pixels: no more than a cubic spline through them needs.
+
+    Parameters
+    ----------
+    count : int
+        Pixels in the row; beyond it there is nothing.
+    sigma_px : float
+        Standard deviation in pixels.
+    finer : int
+        Parts of a pixel at whose centres the means are wanted.
 
     Returns
     -------
-    points : numpy.ndarray, shape (points,)
-        Positions in pixels, σ/4 apart, or one pixel where σ is below 4 pixels.
-    means : numpy.ndarray, shape (points, count)
-        From pixels to the means at the points; beyond the row there is nothing.
+    down : numpy.ndarray, shape (points, count)
+        From the pixels to the means at the points.
+    up : numpy.ndarray, shape (finer · count, points)
+        From the means at the points to those wanted.
     """
     step, pixels = sigma_px / WIDE_PIXELS_PER_SIGMA, np.arange(count)
     if step <= 1:
         points = np.arange(-3, count + 3)
         taps = np.pad(gaussian_taps(sigma_px), 1)
         middle = len(taps) // 2
-        return points, taps[np.clip(points[:, None] - pixels, -middle, middle) + middle]
-    half = int(np.ceil((count - 1) / 2 / step)) + 3
-    points = (count - 1) / 2 + step * np.arange(-half, half + 1)  # a mirrored map has mirrored points
-    return points, np.exp(-(((points[:, None] - pixels) / sigma_px) ** 2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
+        down = taps[np.clip(points[:, None] - pixels, -middle, middle) + middle]
+    else:
+        half = int(np.ceil((count - 1) / 2 / step)) + 3
+        points = (count - 1) / 2 + step * np.arange(-half, half + 1)  # a mirrored map has mirrored points
+        down = np.exp(-(((points[:, None] - pixels) / sigma_px) ** 2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
+    up = make_interp_spline(points, np.eye(len(points)), k=3)((np.arange(finer * count) + 0.5) / finer - 0.5)
+    down.setflags(write=False)
+    up.setflags(write=False)
+    return down, up
 
 
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from scipy.special import ndtr, ndtri
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.parallel import each
-from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, sparse_means, spline_matrix
+from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, sparse_means
 
 LEVEL_STEP_SIGMAS = 0.4
 """Distance of exposure levels in axial standard deviations; the surface then errs by about 1 nm."""
@@ -203,6 +203,11 @@ def _cubic_root(before: np.ndarray, left: np.ndarray, right: np.ndarray, after: 
     return t
 
 
+def coarse_factor(fwhm_xy_um: float, pitch_um: float) -> int:
+    """Return how many pixels along one axis are taken together for cross-linking."""
+    return max(int(fwhm_xy_um / FWHM_PER_SIGMA / COARSE_PIXELS_PER_SIGMA / pitch_um), 1)
+
+
 def _chebyshev_levels(top_um: float, sigma_um: float) -> np.ndarray:
     """Return Chebyshev nodes on 0 … top, enough for the profile of a Gaussian edge of this width to about 1e-5."""
     count = 8 + int(np.ceil(2.5 * top_um / sigma_um))
@@ -216,21 +221,17 @@ def _crosslink_stack(
     surface = crosslinked.exposed.surface
     sigma_um = crosslinked.fwhm_xy_um / FWHM_PER_SIGMA
     pitches = (surface.dy_um, surface.dx_um)
-    factors = [max(int(sigma_um / COARSE_PIXELS_PER_SIGMA / pitch), 1) for pitch in pitches]
+    factors = [coarse_factor(crosslinked.fwhm_xy_um, pitch) for pitch in pitches]
     # averaging over m pixels already widens by (m² − 1)/12 pixels²
     sigmas = [np.sqrt(max((sigma_um / p) ** 2 - (m**2 - 1) / 12, 0)) / m for p, m in zip(pitches, factors, strict=True)]
     whole = [(0, -n % m) for n, m in zip(surface.shape, factors, strict=True)]
     heights = np.pad(surface.heights_um, whole)
     source = _source(crosslinked, heights, whole, factors, threads)
-    (y, down_y), (x, down_x) = (
-        sparse_means(n // m, float(s)) for n, m, s in zip(heights.shape, factors, sigmas, strict=True)
+    (down_y, up_y), (down_x, up_x) = (
+        sparse_means(n // m, float(s), m) for n, m, s in zip(heights.shape, factors, sigmas, strict=True)
     )
     stack = np.stack(each(lambda z: down_y @ source(z) @ down_x.T, levels, threads))
-    rows, cols = (
-        spline_matrix((np.arange(n) + 0.5) / m - 0.5, points)
-        for n, m, points in zip(surface.shape, factors, (y, x), strict=True)
-    )
-    return stack, rows, cols
+    return stack, up_y[: surface.shape[0]], up_x[: surface.shape[1]]
 
 
 def _source(

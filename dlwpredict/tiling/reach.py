@@ -10,10 +10,10 @@ from typing import Any
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.levels import Levels
+from dlwpredict.model.levels import Levels, coarse_factor
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import run, steps
-from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, REACH_SIGMAS
+from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
 
 FADED = 8.0
 """An exponential that scales an effect of some per cent is let go after this many of its lengths, at 3e-4 of it."""
@@ -142,8 +142,7 @@ def coarse_px(parameters: ParameterSet, dx_um: float, dy_um: float) -> tuple[int
 
     Windows begin on this grid, so that all take the same pixels together: next to walls it shows, by up to 4 nm.
     """
-    sigma_um = parameters.paper.crosslink_fwhm_xy_um / FWHM_PER_SIGMA
-    return tuple(max(int(sigma_um / COARSE_PIXELS_PER_SIGMA / pitch), 1) for pitch in (dy_um, dx_um))
+    return tuple(coarse_factor(parameters.paper.crosslink_fwhm_xy_um, pitch) for pitch in (dy_um, dx_um))
 
 
 def _active(parameters: ParameterSet, as_measured: bool) -> list[Any]:
