@@ -143,11 +143,14 @@ class Search:
     library: Library
     null: Null
     tell: Callable[[str], None] = lambda text: None
+    screened: dict[Fit, Screen] = field(default_factory=dict, repr=False)
     tried: dict[Fit, dict[str, Fit]] = field(default_factory=dict, repr=False)
 
     def screen(self, model: Fit) -> Screen:
         """Score every candidate beside a model."""
-        return self.library.screen(model, self.null)
+        if model not in self.screened:
+            self.screened[model] = self.library.screen(model, self.null)
+        return self.screened[model]
 
     def select(self, start: Fit | None = None) -> Fit:
         """Grow the model effect by effect while noise cannot explain the next one; then try to do without each.
