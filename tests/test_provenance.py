@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import dlwpredict
 from dlwpredict.cli.app import app
 from dlwpredict.files import write_height_map
-from dlwpredict.files.provenance import RECORDS, present_run, provenance, running, sha256, stated_by
+from dlwpredict.files.provenance import RECORDS, note_input, origin, present_run, running, sha256, stated_by
 from dlwpredict.files.yaml_text import read_yaml
 from dlwpredict.heightmap import HeightMap
 from tests.crash.checks import snapshot
@@ -151,7 +151,9 @@ def test_runs_do_not_mix(tmp_path):
         assert present_run() is outer
         path = tmp_path / "a.bin"
         path.write_bytes(b"abc")
-        assert provenance(["x"], [path])["inputs"] == {
-            str(path): "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-        }
+        note_input(path)
+        assert origin()["inputs"] == outer.inputs
+        assert outer.inputs == {str(path): "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}
+        assert not inner.inputs
+    assert origin() is None
     assert ".yaml" in RECORDS

@@ -18,7 +18,7 @@ from dlwpredict.cli.app import app
 from dlwpredict.errors import InputError
 from dlwpredict.files import write_height_map
 from dlwpredict.files.parameters_yaml import write_parameters
-from dlwpredict.files.provenance import provenance
+from dlwpredict.files.provenance import note_input, origin, running
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.pages.relief import relief
 from dlwpredict.pages.report import changed_inputs, figures, page
@@ -89,8 +89,11 @@ def run(tmp_path):
     put(folder / "letter", predicted=predict(TARGET, ParameterSet()), reprinted=predict(corrected, ParameterSet()))
     put(folder / "letter", align=ALIGNMENT, precompensation=CORRECTION)
     inputs = [folder / "letter/target.tif", folder / "letter/aligned.tif"]
-    origin = provenance(["dlwpredict", "calibrate", "--pair", *map(str, inputs)], inputs)
-    put(folder, process=replace(PROCESS, provenance=origin), calibration=CALIBRATION, diagnosis=invented(locations=[]))
+    with running(["dlwpredict", "calibrate", "--pair", *map(str, inputs)]):
+        for path in inputs:
+            note_input(path)
+        stated = origin()
+    put(folder, process=replace(PROCESS, provenance=stated), calibration=CALIBRATION, diagnosis=invented(locations=[]))
     return folder
 
 

@@ -24,7 +24,6 @@ from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
-from dlwpredict.files.provenance import provenance
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.flat import Free, choose
 from dlwpredict.heightmap import HeightMap
@@ -101,30 +100,17 @@ def run(
             seed=seed,
             watch=lambda point: (watch(point), show(point)),
         )
-    command = ["dlwpredict", COMMAND, *(word for files in pairs for word in ("--pair", *files))]
-    command += [
-        word
-        for key, value in _settings(parameters, method, loss, fix, free, free_shift, wall_px, seed)
-        for word in (key, *value)
-    ]
-    inputs = [path for files in pairs for path in files] + ([parameters] if parameters else [])
-    origin = provenance([*command, "-o", str(output)], inputs)
-    write_parameters(output, replace(found.parameters, provenance=origin))
+    write_parameters(output, replace(found.parameters, provenance={}))  # that of the start is not its own
+    figures = report_of(found)
     if report:
-        content = {**report_of(found), "provenance": origin}
-        write_text(
-            report,
-            json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-            if report.suffix == ".json"
-            else yaml_text(content),
-        )
+        write_text(report, json.dumps(figures, ensure_ascii=False) if report.suffix == ".json" else yaml_text(figures))
     if plot is not None:
         from dlwpredict import plots
 
         errors = f"rmse {found.start.rmse_um:.4f} → {found.point.rmse_um:.4f} µm"
         plots.save(plot, plots.calibration(_rows(found), caption=errors))
     _say(output, found)
-    tell(report_of(found))
+    tell(figures)
 
 
 def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]]:
@@ -149,16 +135,6 @@ def _prepared(target: Path, recording: Path, wall_px: int) -> Recording:
     found = prepare(part, measured, name=str(recording), target_name=str(target), wall_px=wall_px)
     detail(f"{recording}: {found.points} of {measured.heights_um.size} points count ({measured.height_reference})")
     return found
-
-
-def _settings(parameters, method, loss, fix, free, free_shift, wall_px, seed) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the options that were given, for the record."""
-    words = [("-p", (str(parameters),))] if parameters else []
-    words += [("--method", (method.value,)), ("--loss", (loss.value,))]
-    words += [("--fix", (name,)) for name in fix or ()] + [("--free", (name,)) for name in free or ()]
-    words += [] if free_shift else [("--fixed-shift", ())]
-    words += [] if wall_px == WALL_PX else [("--wall-px", (str(wall_px),))]
-    return [*words, ("--seed", (str(seed),))]
 
 
 @contextmanager

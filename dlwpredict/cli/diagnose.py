@@ -26,7 +26,7 @@ from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
-from dlwpredict.files.provenance import provenance
+from dlwpredict.files.provenance import origin
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet, Undecided
@@ -69,7 +69,6 @@ def run(
     repeats = options.pairs_of(repeat or [], "--repeat")
     start = read_parameters(parameters)
     recordings = [_prepared(*files, wall_px) for files in pairs]
-    command = _command(pairs, parameters, kept, repeats, wall_px, seed)
     with _progress() as tell:
         found = diagnose(
             [recording for recording, _ in recordings],
@@ -83,14 +82,13 @@ def run(
         if advice:
             tell("advice")
             _advised(found, content)
-    inputs = [path for files in (*pairs, *kept, *repeats) for path in files] + ([parameters] if parameters else [])
-    content["provenance"] = provenance([*command, "-o", str(output)], inputs)
+    content["provenance"] = origin()
     if maps:
         _write_maps(maps, found, [part for _, part in recordings])
     if report:
         _write_report(report, found, content, pairs)
     if params_out:
-        write_parameters(params_out, replace(extended(found), provenance=content["provenance"]))
+        write_parameters(params_out, replace(extended(found), provenance={}))
     write_text(output, yaml_text(content))
     figures(content)
     from dlwpredict.pages.terminal import lines
@@ -227,16 +225,6 @@ def _evidence(found: Diagnosis) -> list:
                 float(scores.visible[k]),
             )
     return list(best.values())
-
-
-def _command(pairs, parameters, kept, repeats, wall_px, seed) -> list[str]:
-    """Return the words that repeat the diagnosis."""
-    words = ["dlwpredict", COMMAND]
-    for option, files in (("--pair", pairs), ("--holdout", kept), ("--repeat", repeats)):
-        words += [str(word) for two in files for word in (option, *two)]
-    words += ["-p", str(parameters)] if parameters else []
-    words += [] if wall_px == WALL_PX else ["--wall-px", str(wall_px)]
-    return [*words, "--seed", str(seed)]
 
 
 @contextmanager

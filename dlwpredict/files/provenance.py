@@ -98,34 +98,17 @@ def origin() -> dict[str, Any] | None:
     run = _run.get()
     if run is None:
         return None
-    return {"step": run.step, **_stated(run.words, dict(run.inputs), run.seed)}
-
-
-def provenance(command: Sequence[str], inputs: Sequence[Path]) -> dict[str, Any]:
-    """Return the provenance of a result, the same for the same command on the same files.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Words of the command line.
-    inputs : sequence of Path
-        Files that were read.
-    """
-    run = _run.get()
-    return _stated(command, {str(path): sha256(path) for path in inputs}, run.seed if run else None)
-
-
-def _stated(command: Sequence[str], inputs: dict[str, str], seed: int | None) -> dict[str, Any]:
     return {
-        "command": shlex.join(str(word) for word in command),
-        "inputs": inputs,
+        "step": run.step,
+        "command": shlex.join(run.words),
+        "inputs": dict(run.inputs),
         "versions": {
             "dlwpredict": dlwpredict.__version__,
             "numpy": np.__version__,
             "scipy": scipy.__version__,
             "python": platform.python_version(),
         },
-        **({} if seed is None else {"seed": seed}),
+        **({} if run.seed is None else {"seed": run.seed}),
     }
 
 
