@@ -1,7 +1,9 @@
 """What holds for every command: lengths with units, standard output, figures as JSON, no colour unasked."""
 
+import importlib
 import json
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from dlwpredict.cli import app
+from dlwpredict.cli.commands import NAMES, Commands, outlines
 from dlwpredict.designs import cin
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.heightmap import HeightMap
@@ -113,6 +116,33 @@ def test_what_is_not_finite_is_null(tmp_path):
     heights[0, 0] = np.nan
     write_height_map(tmp_path / "a.tif", HeightMap(heights, 0.5, 0.5))
     assert json.loads(run("convert", tmp_path / "a.tif", "-o", tmp_path / "b.tif", "--json", "-").stdout)["rows"] == 64
+
+
+def test_every_command_is_listed_with_its_own_first_line():
+    package = sys.modules["dlwpredict.cli"]
+    modules = [
+        importlib.import_module(f"dlwpredict.cli.{found.name}") for found in pkgutil.iter_modules(package.__path__)
+    ]
+    assert sorted(module.COMMAND for module in modules if hasattr(module, "COMMAND")) == sorted(NAMES)
+    assert {name: listed.help for name, listed in outlines().items()} == {
+        name: command.help for name, command in Commands().items()
+    }
+
+
+def test_the_list_of_commands_needs_none_of_them():
+    """Neither as help nor while the shell completes a name: numpy alone would take longer than all that is shown."""
+    asked = {"_DLWPREDICT_COMPLETE": "complete_bash", "COMP_WORDS": "dlwpredict pre", "COMP_CWORD": "1"}
+    for environment, words, expected in [({}, ["--help"], NAMES), (asked, [], ("predict", "precompensate"))]:
+        code = f"import sys; from dlwpredict.cli import main; sys.argv = ['dlwpredict', *{words}]; main()"
+        done = subprocess.run(
+            [sys.executable, "-X", "importtime", "-c", code],
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0
+        assert all(name in done.stdout for name in expected)
+        assert "numpy" not in done.stderr
 
 
 SAYS_NO_FIGURES = {"batch", "report", "verify"}

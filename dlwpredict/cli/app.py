@@ -2,52 +2,52 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import platform
 import re
-import sys
-from importlib import metadata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 import dlwpredict
-from dlwpredict.cli.console import fault, with_verbosity
+from dlwpredict.cli.commands import Commands, outlines
 from dlwpredict.cli.options import joined_pairs
-from dlwpredict.cli.streams import with_streams
 from dlwpredict.errors import InputError
-from dlwpredict.files.provenance import running
-
-COMMAND_ORDER = [
-    "design",
-    "convert",
-    "align",
-    "predict",
-    "score",
-    "calibrate",
-    "precompensate",
-    "export-stl",
-    "diagnose",
-    "effects",
-    "batch",
-    "report",
-    "verify",
-]
 
 
 class _Program(TyperGroup):
-    """List commands in the order of the work; report the project's errors in one line."""
+    """List the commands without importing them; report the project's errors in one line."""
 
-    def list_commands(self, ctx) -> list[str]:
-        return sorted(super().list_commands(ctx), key=lambda name: (*COMMAND_ORDER, name).index(name))
+    def __init__(self, **settings) -> None:
+        super().__init__(**settings)
+        self.commands = Commands()
+
+    @contextmanager
+    def _outlined(self) -> Iterator[None]:
+        self.commands = outlines()
+        try:
+            yield
+        finally:
+            self.commands = Commands()
+
+    def format_help(self, ctx, formatter) -> None:
+        with self._outlined():
+            super().format_help(ctx, formatter)
+
+    def shell_complete(self, ctx, incomplete: str) -> list:
+        with self._outlined():
+            return super().shell_complete(ctx, incomplete)
 
     def parse_args(self, ctx, args: list[str]) -> list[str]:
         ctx.obj = ("dlwpredict", *args)
         return super().parse_args(ctx, joined_pairs(args))
 
     def invoke(self, ctx):
+        from dlwpredict.cli.console import fault
+        from dlwpredict.files.provenance import running
+
         try:
             with running(ctx.obj):
                 return super().invoke(ctx)
@@ -78,11 +78,15 @@ def _show_version(value: bool) -> None:
 
 def libraries() -> list[str]:
     """Return the libraries that this program depends on, those of extras included."""
+    from importlib import metadata
+
     return [re.match(r"[\w-]+", one)[0] for one in metadata.requires("dlwpredict") or []]
 
 
 def version_of(library: str) -> str:
     """Return the version of a library as it is installed."""
+    from importlib import metadata
+
     try:
         return metadata.version(library)
     except metadata.PackageNotFoundError:
@@ -102,21 +106,6 @@ def _program(
     ] = False,
 ) -> None:
     """Predict, calibrate, correct and diagnose prints made by multi-photon lithography."""
-
-
-def _register() -> None:
-    """Add every module of this package: COMMAND and `run`, or COMMAND and a `group` of sub-commands, per file."""
-    for found in pkgutil.iter_modules(sys.modules[__package__].__path__):
-        module = importlib.import_module(f"{__package__}.{found.name}") if found.name != "app" else None
-        if hasattr(module, "group"):
-            app.add_typer(module.group, name=module.COMMAND)
-        elif hasattr(module, "COMMAND"):
-            kind, streams = getattr(module, "CLASS", TyperCommand), getattr(module, "STREAMS", None)
-            run = with_streams(module.run, streams=streams, figures=getattr(module, "FIGURES", False))
-            app.command(module.COMMAND, cls=kind)(with_verbosity(run))
-
-
-_register()
 
 
 def main() -> None:

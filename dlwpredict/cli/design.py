@@ -19,11 +19,12 @@ from dlwpredict.files import write_height_map
 from dlwpredict.parameters import Declaration
 
 COMMAND = "design"
-group = typer.Typer(
-    no_args_is_help=True,
-    subcommand_metavar="KIND -o TARGET.tif [OPTIONS]",
-    help="Make a target by formula; `design KIND --help` lists the options of a kind.",
-)
+group = typer.Typer(no_args_is_help=True, subcommand_metavar="KIND -o TARGET.tif [OPTIONS]")
+
+
+@group.callback()
+def run() -> None:
+    """Make a target by formula; `design KIND --help` lists the options of a kind."""
 
 
 def command(kind: str) -> Callable[..., None]:

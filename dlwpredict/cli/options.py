@@ -11,7 +11,6 @@ import typer
 from typer.core import TyperCommand
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import um_per
 
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(nm|um|µm|μm|mm)?")
 
@@ -22,6 +21,8 @@ def length_um(text: str | float) -> float:
     >>> length_um("0.25"), length_um("100nm"), length_um("1.5mm"), length_um(50.0)
     (0.25, 0.1, 1500.0, 50.0)
     """
+    from dlwpredict.files.formats import um_per  # numpy and the formats: not for every --help
+
     if not isinstance(text, str):
         return float(text)
     found = _LENGTH.fullmatch(text)
