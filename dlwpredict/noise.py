@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # scipy.signal takes longer to load than all else: on first use
 from scipy import fft
-from scipy.signal.windows import tukey
 from scipy.sparse.linalg import LinearOperator, cg
 
 from dlwpredict.errors import ResultError
@@ -291,7 +291,7 @@ class _Tile:
     @classmethod
     def of(cls, maps: list[np.ndarray], used: np.ndarray, *, keep: bool = False) -> _Tile:
         """Return the tile with the spectrum of each map, or only their mean."""
-        taper = np.outer(*(tukey(n + 2, TAPER)[1:-1] for n in used.shape)) * used
+        taper = np.outer(*(scipy.signal.windows.tukey(n + 2, TAPER)[1:-1] for n in used.shape)) * used
         wide = tuple(2 * n for n in used.shape)
         correlation = fft.irfft2(np.abs(fft.rfft2(taper, wide)) ** 2, wide)
         spectra = np.stack([np.abs(fft.rfft2(values * taper)) ** 2 for values in maps])

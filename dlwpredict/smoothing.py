@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft, ndimage, signal
-from scipy.interpolate import make_interp_spline
-from scipy.optimize import brentq
+import scipy  # parts that few predictions need are imported on first use: they take longer than a small prediction
+from scipy import fft, ndimage
 
 FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
 """FWHM of a Gaussian of standard deviation 1. The paper writes σ for what are FWHMs."""
@@ -63,7 +62,7 @@ def gaussian_taps(sigma_px: float) -> np.ndarray:
         low, high = 0.5 / (sigma_px + 0.5) ** 2, exponent
         while taps(high) @ squares > sigma_px**2:
             high *= 2
-        exponent = brentq(lambda a: taps(a) @ squares - sigma_px**2, low, high, xtol=1e-14, rtol=1e-13)
+        exponent = scipy.optimize.brentq(lambda a: taps(a) @ squares - sigma_px**2, low, high, xtol=1e-14, rtol=1e-13)
     kernel = taps(exponent)
     kernel.setflags(write=False)
     return kernel
@@ -84,7 +83,7 @@ def blur(planes: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray
         if len(taps) > _LONG_KERNEL:
             shape = [1] * planes.ndim
             shape[axis] = len(taps)
-            planes = signal.oaconvolve(planes, taps.astype(planes.dtype).reshape(shape), mode="same", axes=axis)
+            planes = scipy.signal.oaconvolve(planes, taps.astype(planes.dtype).reshape(shape), mode="same", axes=axis)
         elif len(taps) > 1:
             planes = ndimage.correlate1d(planes, taps, axis=axis, mode="constant")
     return planes
@@ -138,7 +137,8 @@ def sparse_means(count: int, sigma_px: float, finer: int = 1) -> tuple[np.ndarra
         half = int(np.ceil((count - 1) / 2 / step)) + 3
         points = (count - 1) / 2 + step * np.arange(-half, half + 1)  # a mirrored map has mirrored points
         down = np.exp(-(((points[:, None] - pixels) / sigma_px) ** 2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
-    up = make_interp_spline(points, np.eye(len(points)), k=3)((np.arange(finer * count) + 0.5) / finer - 0.5)
+    spline = scipy.interpolate.make_interp_spline(points, np.eye(len(points)), k=3)
+    up = spline((np.arange(finer * count) + 0.5) / finer - 0.5)
     down.setflags(write=False)
     up.setflags(write=False)
     return down, up
@@ -209,7 +209,7 @@ def lag(planes: np.ndarray, length_px: float, axis: int) -> np.ndarray:
     taps = (1 - a) * np.array([square - mean, 2 - 2 * square, square + mean]) / 2
     lines = np.moveaxis(planes, axis, -1)
     ahead = np.concatenate([lines, np.zeros((*lines.shape[:-1], 1))], axis=-1)
-    return np.moveaxis(signal.lfilter(taps, [1, -a], ahead)[..., 1:], -1, axis)
+    return np.moveaxis(scipy.signal.lfilter(taps, [1, -a], ahead)[..., 1:], -1, axis)
 
 
 def trailing_mean(planes: np.ndarray, length_px: float, axis: int) -> np.ndarray:
@@ -232,7 +232,7 @@ def trailing_mean(planes: np.ndarray, length_px: float, axis: int) -> np.ndarray
     [[0.0, 0.221, 0.528, 0.492]]
     """
     half, whole = np.exp(-0.5 / length_px), np.exp(-1 / length_px)
-    ended = signal.lfilter([1 - whole], [1, -whole], planes, axis=axis)
+    ended = scipy.signal.lfilter([1 - whole], [1, -whole], planes, axis=axis)
     before = np.moveaxis(np.zeros(ended.shape), axis, -1)
     before[..., 1:] = np.moveaxis(ended, axis, -1)[..., :-1]
     return half * np.moveaxis(before, -1, axis) + (1 - half) * planes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dlwpredict.align.pose import Pose
 from dlwpredict.align.refine import Fit, Level, refine
@@ -79,7 +79,7 @@ def _test(fit: Fit, model: str, pixel_um: float) -> dict[str, float | bool]:
     size = np.sqrt(np.maximum(np.diag(spread), 1e-30))
     t2 = float(added / size @ np.linalg.pinv(spread / np.outer(size, size), hermitian=True) @ (added / size))
     free = max(blocks - count, 1.0)
-    p = float(stats.f.sf(t2 * free / (count * max(blocks - 1, 1.0)), count, free))
+    p = float(special.fdtrc(count, free, t2 * free / (count * max(blocks - 1, 1.0))))
     move = _rim_move(fit.pose, model) / pixel_um
     return {"p_value": p, "rim_px": move, "blocks": blocks, "accepted": p < SIGNIFICANCE and move > LEAST_MOVE_PX}
 

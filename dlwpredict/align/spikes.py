@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
 from dlwpredict.align.plane import mad_sigma
 from dlwpredict.align.refine import Fit
@@ -19,7 +19,7 @@ def spike_limit(points: int) -> float:
     >>> round(spike_limit(100_000), 2)
     4.42
     """
-    return float(stats.norm.isf(0.5 / max(points, 10)))
+    return float(-special.ndtri(0.5 / max(points, 10)))
 
 
 def suspected_spikes(heights_um: np.ndarray, measured: np.ndarray) -> np.ndarray:

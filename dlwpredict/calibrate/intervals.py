@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dlwpredict.calibrate.problem import Point, project
 from dlwpredict.calibrate.recordings import Recording
@@ -52,7 +52,7 @@ class Information:
     @property
     def quantiles(self) -> np.ndarray:
         """Return how many standard errors a 95 % interval reaches to each side."""
-        return stats.t.ppf(0.975, self.degrees_of_freedom)
+        return special.stdtrit(self.degrees_of_freedom, 0.975)
 
 
 def noises_of(recordings: Sequence[Recording], point: Point) -> list[Noise]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import toeplitz
+import scipy
 
 from dlwpredict.model.states import Crosslinked, Dose, Exposed
 from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, gaussian_taps
@@ -151,4 +151,4 @@ def _axial_matrix(sigma_px: float, count: int) -> np.ndarray:
     """Return the matrix (count, count) that convolves a column with a Gaussian; below z = 0 nothing polymerises."""
     taps = gaussian_taps(float(sigma_px))
     right = taps[len(taps) // 2 :][:count]
-    return toeplitz(np.pad(right, (0, count - len(right)))).astype(np.float32)
+    return scipy.linalg.toeplitz(np.pad(right, (0, count - len(right)))).astype(np.float32)
