@@ -290,3 +290,12 @@ def test_same_seed_same_result(air, printed):
     first, second = (calibrate([pair], free, seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.point.vector, second.point.vector)
     np.testing.assert_array_equal(first.intervals, second.intervals)
+
+
+def test_a_descent_that_leads_astray_leaves_the_start(air, printed, monkeypatch):
+    """The loss is scaled anew on the way, so a fit can end where the start would have cost less."""
+    monkeypatch.setattr("dlwpredict.calibrate.run.fast", lambda problem, start, seed: problem.at(0.9 * start.vector))
+    monkeypatch.setattr("dlwpredict.calibrate.run.descend", lambda problem, point, **_: point)
+    free = choose(TRUTH, fix=[name for name in declarations(Paper) if name not in KAPPAS])
+    found = calibrate([prepare(air, noisy(printed, 0))], free, profile=False)
+    np.testing.assert_array_equal(found.point.vector, free.start)

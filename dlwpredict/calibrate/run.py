@@ -153,7 +153,10 @@ def calibrate(
 def _fitted(
     problem: Problem, start: Point, method: Method, robust: bool, free_shift: bool, seed: int
 ) -> tuple[Problem, Point]:
-    """Fit; then once more from there, with the loss scaled by what was left and the shifts freed about it."""
+    """Fit; then once more from there, with the loss scaled by what was left and the shifts freed about it.
+
+    The second loss is not the first: where the start costs less in it, the start it is.
+    """
     problem = problem.with_loss_scaled(start, robust=robust)
     point = problem.compared(start.vector, start.traces)
     point = simplex(problem, point) if method == "simplex" else fast(problem, point, seed=seed)
@@ -163,7 +166,7 @@ def _fitted(
             problem = problem.with_free_shift(point)
         point = problem.compared(point.vector, point.traces)
         point = simplex(problem, point) if method == "simplex" else descend(problem, point, gain=GAIN, iterations=40)
-    return problem, point
+    return problem, min(point, problem.compared(start.vector, start.traces), key=lambda place: place.cost)
 
 
 def _to_profile(free: Free, vector: np.ndarray, intervals: np.ndarray, profile: bool | None) -> list[int]:
