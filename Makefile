@@ -48,6 +48,10 @@ fuzz: $(VENV)/.installed ## Bad files against every reader (about an hour; FUZZ=
 test-crash: $(VENV)/.installed ## Kill every command while it writes (CRASH="--kills 20")
 	$(BIN)/python -m tests.crash $(CRASH)
 
+.PHONY: mutants
+mutants: $(VENV)/.installed ## Write the numerics wrong, place by place: do the tests see it? (40 minutes; MUTANTS="--only mesh")
+	$(BIN)/python -m tests.mutants $(MUTANTS)
+
 check: $(VENV)/.installed ## Lint and check the format
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
