@@ -16,7 +16,7 @@ LAYERS = [
     {"errors"},
     {"heightmap"},
     {"parameters"},
-    {"rasterise", "bisection"},
+    {"rasterise", "bisection", "walls"},
     {"smoothing", "missing", "mesh", "noise", "score", "transfer", "parallel"},
     {"model", "designs", "whitening"},
     {"effects"},

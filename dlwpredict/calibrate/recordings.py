@@ -6,18 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import ndimage
 
 from dlwpredict.errors import ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.process import check_target
-
-WALL_PX = 3
-"""Points this near to a wall do not count. The wall's place is known to a pixel only, and two honest discretisations
-of the same physics differ there by 20–30 nm and more."""
-
-JUMP_UM, JUMP_SLOPE = 0.2, 1.0
-"""A wall is a jump between neighbours that exceeds what the slope around explains by this much, and by this slope."""
+from dlwpredict.walls import WALL_PX, near_walls
 
 FEWEST_POINTS = 500
 """Measured points on the part that a fit must at least have, all recordings together."""
@@ -113,34 +106,6 @@ def check_points(recordings: Sequence[Recording]) -> None:
             key="heights",
             allowed=f"at least {FEWEST_POINTS} in all recordings together",
         )
-
-
-def near_walls(target: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
-    """Return True within ``wall_px`` pixels of a wall of the target, shape (rows, cols).
-
-    A slope that the pixels resolve changes little from one pixel to the next; at a wall the whole jump sits in one or
-    two. So the jump between neighbours is compared with the median jump over five pixels along the same line.
-    Beyond the map nothing is written.
-
-    Examples
-    --------
-    >>> step = HeightMap(np.repeat([[0.0] * 4 + [5.0] * 6 + [2.0] * 6 + [0.0] * 4], 12, axis=0), 0.1, 0.1)
-    >>> near_walls(step, 2)[6].astype(int).tolist()
-    [0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0]
-    """
-    heights = np.pad(target.heights_um, 3)
-    walls = np.zeros(heights.shape, dtype=bool)
-    for axis, pitch in ((0, target.dy_um), (1, target.dx_um)):
-        jump = np.diff(heights, axis=axis)
-        window = [5 if a == axis else 1 for a in (0, 1)]
-        excess = np.abs(jump - ndimage.median_filter(jump, size=window, mode="nearest"))
-        found = excess > max(JUMP_UM, JUMP_SLOPE * pitch)
-        before, after = (tuple(s if a == axis else slice(None) for a in (0, 1)) for s in (slice(-1), slice(1, None)))
-        walls[before] |= found
-        walls[after] |= found
-    if wall_px > 1:
-        walls = ndimage.binary_dilation(walls, iterations=wall_px - 1)
-    return walls[3:-3, 3:-3] & (wall_px > 0)
 
 
 def with_nuisances(recording: Recording, predicted_um: np.ndarray | None) -> Recording:
