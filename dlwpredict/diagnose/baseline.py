@@ -12,7 +12,7 @@ from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.fast import fast
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
-from dlwpredict.diagnose.fit import bare
+from dlwpredict.diagnose.fit import Fit, bare, fit
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
@@ -22,6 +22,10 @@ from dlwpredict.process import predict
 
 GAIN = 1e-3
 """The descent with free shifts ends when the next step promises less than this share of the cost."""
+
+PIXELS_GAIN, PIXELS_ROUNDS = 1.0, 4
+"""The change on finer pixels is taken anew at the fitted process while that brings this much in 2 ln L, at most so
+often."""
 
 ALIKE = 1e-6
 """Share of the largest energy below which a direction is dropped."""
@@ -114,3 +118,21 @@ def discretisation_um(recording: Recording, parameters: ParameterSet) -> np.ndar
     on_fine = predict(fine, parameters, as_measured=True).heights_um
     mean = on_fine.reshape(target.shape[0], 2, target.shape[1], 2).mean(axis=(1, 3))
     return np.nan_to_num(mean - predict(target, parameters, as_measured=True).heights_um)
+
+
+def on_own_pixels(fitted: Fit) -> Fit:
+    """Return the fit with the change on finer pixels taken where the fit is, not where it began.
+
+    What a finer grid changes hangs on the focus width, and the width on what the grid is held to change: begun far from
+    the truth, one wrong holds the other.
+    """
+    for _ in range(PIXELS_ROUNDS):
+        data = [
+            replace(item, discretisation_um=discretisation_um(item.recording, fitted.parameters))
+            for item in fitted.data
+        ]
+        moved = fit(data, fitted.free, start=fitted.point.vector, known=fitted)
+        if moved.chi2 > fitted.chi2 - PIXELS_GAIN:
+            return fitted
+        fitted = moved
+    return fitted

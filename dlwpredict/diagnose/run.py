@@ -10,7 +10,7 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, without_spikes
+from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, on_own_pixels, without_spikes
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
@@ -160,7 +160,7 @@ def diagnose(
 
     Calibrate; estimate the noise beside everything that might be in the residual; fit by maximum likelihood; score all
     named effects; refit and choose; judge the choice by free forms and by data left out. Once effects are named, the
-    noise is estimated again beside them, and the choice repeated with it.
+    noise is estimated again beside them, the change on finer pixels is taken anew, and the choice repeated with both.
 
     Parameters
     ----------
@@ -190,25 +190,26 @@ def diagnose(
     recordings, point = without_spikes(recordings, free, point)
     tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
     around = Around.of(recordings, free, point)
-    model, vector = None, point.vector
+    found, vector, pixels = None, point.vector, around.discretisation_um
     better = noises(recordings, around.residuals_um(), around.designs, repeats, seed=seed)
     for _ in range(PASSES):
         noise = better
         tell("noise " + ", ".join(f"{1e3 * n.model.sigma_um:.1f} nm over {n.model.length_um:.1f} µm" for n in noise))
-        data = [
-            Whitened.of(r, n.model, fine)
-            for r, n, fine in zip(recordings, noise, around.discretisation_um, strict=True)
-        ]
+        data = [Whitened.of(r, n.model, fine) for r, n, fine in zip(recordings, noise, pixels, strict=True)]
         baseline = fit_from(data, free, vector)
-        library, null = Library.of(around, data), Null.of(data, noise, seed)
+        if found is None:
+            baseline = on_own_pixels(baseline)
+        library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed)
         search = Search(baseline, library, null, tell)
-        begun = fit(data, model.free, start=model.point.vector) if model else None
+        begun = fit(baseline.data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
         if model is baseline:
             break
-        vector, residuals = baseline.point.vector, [np.nan_to_num(model.residual_um(k)) for k in range(len(data))]
+        found, vector = on_own_pixels(model), baseline.point.vector
+        pixels = [item.discretisation_um for item in found.data]
+        residuals = [np.nan_to_num(found.residual_um(k)) for k in range(len(pixels))]
         better = noises(recordings, residuals, around.designs, repeats, like=noise, seed=seed)
-        if all(_alike(a.model, b.model) for a, b in zip(noise, better, strict=True)):
+        if found is model and all(_alike(a.model, b.model) for a, b in zip(noise, better, strict=True)):
             break
     tell("judging")
     forms = Forms.of(baseline)

@@ -246,8 +246,8 @@ def refit(model: Fit, candidate: Candidate, share: float) -> Fit:
     limited = np.clip(share, -3, 3)
     effect = candidate.at(float(limited) if abs(limited) > 0.05 else 0.05 * (np.sign(limited) or 1.0))
     parameters = replace(model.parameters, effects=(*model.parameters.effects, effect))
-    free = freed(parameters, model.free)
-    return fit(model.data, free, known=model, secant=True)
+    found = fit(model.data, freed(parameters, model.free), known=model, secant=True)
+    return _beyond(found, secant=True)
 
 
 def freed(parameters: ParameterSet, like: Free) -> Free:
@@ -269,7 +269,16 @@ def _idle(effect: Effect, name: str) -> bool:
 
 def _settled(found: Fit) -> Fit:
     """Return a quick refit brought to rest with derivatives of its own."""
-    return fit(found.data, found.free, start=found.point.vector, known=found)
+    return _beyond(fit(found.data, found.free, start=found.point.vector, known=found))
+
+
+def _beyond(found: Fit, *, secant: bool = False) -> Fit:
+    """Go on from the other end where an effect has come to the end of a range that nature does not end."""
+    effects = tuple(effect.elsewhere() for effect in found.parameters.effects)
+    if effects == found.parameters.effects:
+        return found
+    free = freed(replace(found.parameters, effects=effects), found.free)
+    return min(found, fit(found.data, free, known=found, secant=secant), key=lambda one: one.chi2)
 
 
 def _convinces(grown: Fit, model: Fit, limit: float) -> bool:

@@ -28,6 +28,13 @@ class Astigmatism(FocusEffect):
     )
     angle_deg: float = declare(0.0, "°", 0, 90, "direction of the first axis, counter-clockwise from x")
 
+    def elsewhere(self) -> Astigmatism:
+        """Exchange the axes where the angle is at an end of its range."""
+        ends = 0.0, 90.0
+        if self.angle_deg not in ends:
+            return self
+        return replace(self, log_ratio=-self.log_ratio, angle_deg=sum(ends) - self.angle_deg)
+
     def reshape(self, part: Focus) -> tuple[Focus, ...]:
         """Return the stretched focus; the paper's is round, so its own angle does not matter."""
         wider = float(np.exp(self.log_ratio))

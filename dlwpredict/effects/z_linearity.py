@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,10 @@ class ZLinearity(MapEffect):
     periodic_um: float = declare(0.0, "µm", 0.0, 0.5, "amplitude of the periodic error", typical=0.05)
     period_um: float = declare(3.0, "µm", 0.2, 50, "its period in height")
     phase_rad: float = declare(0.0, "rad", -np.pi, np.pi, "its phase at height 0")
+
+    def elsewhere(self) -> ZLinearity:
+        """Turn the phase from one end of its range to the other."""
+        return replace(self, phase_rad=-self.phase_rad) if abs(self.phase_rad) == np.pi else self
 
     def heights(self, state: HeightMap) -> np.ndarray:
         """Return the recording with its scale error."""
