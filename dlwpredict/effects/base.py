@@ -9,7 +9,7 @@ import numpy as np
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.states import Crosslinked, Dose, Focus
+from dlwpredict.model.states import Crosslinked, Dose, Focus, PlaneAt
 from dlwpredict.parameters import check_range, declarations, declare
 
 Side = Literal["print", "measurement"]
@@ -54,6 +54,13 @@ class Effect:
         """Whether nothing switches the effect on."""
         return all(getattr(self, name) == declarations(self)[name][0] for name in self.switches())
 
+    def elsewhere(self) -> Effect:
+        """Return the same effect in other words, where a range ends that nature does not end: an angle, a phase.
+
+        The effect itself anywhere else. A descent that comes to the end of such a range goes on from there.
+        """
+        return self
+
     def __call__(self, state: Any) -> Any:
         """Return the changed state; the same object while the effect is off."""
         return state if self.off else self.act(state)
@@ -88,9 +95,13 @@ class DoseEffect(Effect):
     conversion: float = declare(0.0, "1", 0.0, 1.0, "eta: share of the dose change that reaches cross-linking")
 
     def act(self, state: Dose) -> Dose:
-        """Return the dose with this intensity as one more factor; η belongs to the resin and is shared."""
+        """Return the dose with this intensity as one more factor."""
+        return self.driven(state, self.intensity)
+
+    def driven(self, state: Dose, intensity: PlaneAt) -> Dose:
+        """Return the dose with one more factor; η belongs to the resin and is shared."""
         conversion = max(state.conversion, self.conversion)
-        return replace(state, intensity=(*state.intensity, self.intensity), conversion=conversion)
+        return replace(state, intensity=(*state.intensity, intensity), conversion=conversion)
 
     def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
         """Return D while the layer at height z is written, on the whole plane, shape (rows, cols)."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from dlwpredict.effects.base import DoseEffect
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.states import Dose
 from dlwpredict.parameters import declare
 
 
@@ -26,6 +28,10 @@ class PowerDrift(DoseEffect):
         0.0, "1", -0.25, 0.25, "change of intensity from the substrate to the highest layer", typical=0.03
     )
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def act(self, state: Dose) -> Dose:
+        """Return the dose with the drift over the layers that are written, wherever D is asked for."""
+        return self.driven(state, partial(self.along, highest_um=state.written.heights_um.max()))
+
+    def along(self, written: HeightMap, z_um: float, *, highest_um: float) -> np.ndarray:
         """Return D at height z."""
-        return np.full(written.shape, 1 + self.drift * z_um / written.heights_um.max())
+        return np.full(written.shape, 1 + self.drift * z_um / highest_um)

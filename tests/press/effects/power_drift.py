@@ -8,8 +8,9 @@ from tests.press.effect import PrintEffect, effect
 @effect("power-drift")
 @dataclass(frozen=True)
 class PowerDrift(PrintEffect):
-    """Drift without unit over the full height."""
+    """Drift without unit over the full height. A layer is written with the power of its own time."""
 
+    at_focus = True
     drift: float = 0.0
     conversion: float | None = None
 
