@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from dlwpredict.diagnose.candidates import matters
 from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
 from tests.bench.cases import NEVER
@@ -60,7 +61,9 @@ def named(name: str, rng: np.random.Generator) -> Hidden:
     sign = float(rng.choice([-1.0, 1.0])) if declared.low < off < declared.high else 1.0
     settings = {}
     for key, (default, shape) in declarations(kind).items():
-        if key in kind.switches() or key not in known or not shape.fitted or key in SET_APART:
+        if key in (*kind.switches(), *SET_APART) or key not in known or not shape.fitted:
+            continue
+        if not matters(kind, switch, key):
             continue
         if key.startswith("centre_"):
             settings[key] = float(rng.uniform(-CENTRE_UM, CENTRE_UM))
