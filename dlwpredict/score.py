@@ -72,6 +72,7 @@ def score(
     material_ratio_range: tuple[float, float] = MATERIAL_RATIO_RANGE,
     part_only: bool = False,
     include_filled: bool = False,
+    left_out: np.ndarray | None = None,
 ) -> Score:
     """Compare a test surface with its reference, point by point and by height distribution.
 
@@ -85,6 +86,8 @@ def score(
         Leave out the points where the reference is bare substrate (height 0 or less).
     include_filled : bool
         Let points enter that were interpolated, not measured.
+    left_out : numpy.ndarray of bool, shape (rows, cols), optional
+        Further points that do not belong to the region, such as those near walls.
 
     Raises
     ------
@@ -98,6 +101,8 @@ def score(
     if not 0 <= low < high <= 1:
         raise InputError(f"found {low:g} {high:g}", key="material_ratio_range", allowed="two rising numbers in 0 to 1")
     region = reference.heights_um > 0 if part_only else np.ones(reference.shape, dtype=bool)
+    if left_out is not None:
+        region = region & ~left_out
     known = ~np.isnan(reference.heights_um) & ~np.isnan(test.heights_um) & region
     filled = known & ~(reference.measured & test.measured)
     compared = known if include_filled else known & ~filled

@@ -41,3 +41,19 @@ def near_walls(part: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
     if wall_px > 1:
         walls = ndimage.binary_dilation(walls, iterations=wall_px - 1)
     return walls[3:-3, 3:-3] & (wall_px > 0)
+
+
+def near_walls_or_rim(part: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
+    """Return True within ``wall_px`` pixels of a wall or of the map's rim, shape (rows, cols).
+
+    Beyond the map a prediction knows of no neighbours: where the map was cut out of a larger part, it falls off there.
+
+    Examples
+    --------
+    >>> near_walls_or_rim(HeightMap(np.zeros((4, 5)), 1, 1), 1).astype(int).tolist()
+    [[1, 1, 1, 1, 1], [1, 0, 0, 0, 1], [1, 0, 0, 0, 1], [1, 1, 1, 1, 1]]
+    """
+    found = near_walls(part, wall_px)
+    if wall_px:
+        found[:wall_px] = found[-wall_px:] = found[:, :wall_px] = found[:, -wall_px:] = True
+    return found

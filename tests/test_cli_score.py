@@ -90,6 +90,31 @@ def test_the_picture_is_drawn(pair, tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_wall_out_of_place_spoils_the_whole_map_and_nothing_away_from_walls(tmp_path):
+    """The print stands one pixel to the left and is 0.1 µm low; the map ends within the part."""
+    target = HeightMap(np.repeat([[0.0] * 20 + [5.0] * 40], 60, axis=0), 0.2, 0.2)
+    heights = np.roll(target.heights_um, -1, axis=1) - 0.1
+    heights[:, -1] = 0  # the rim of a map that was cut out of a larger part
+    for name, one in (("target", target), ("print", target.with_heights(heights))):
+        write_height_map(tmp_path / f"{name}.tif", one)
+    words = [tmp_path / "target.tif", tmp_path / "print.tif", "--json", tmp_path / "score.json"]
+    done = run(*words)
+    found = json.loads((tmp_path / "score.json").read_text())
+    away = found["away_from_walls"]
+    off = heights - target.heights_um
+    assert found["rmse_um"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-6)
+    assert found["rmse_um"] > 0.8
+    assert away["rmse_um"] == pytest.approx(0.1, rel=1e-5)
+    assert away["rmse_offset_free_um"] == pytest.approx(0, abs=1e-5)
+    assert (away["wall_px"], away["points"]) == (3, (60 - 2 * 3) * (14 + 34))
+    assert "away from walls and rim (3 px): rmse 0.1000 µm, offset-free 0.0000 µm, CC 1.0000" in done.stdout
+    assert run(*words, "--wall-px", 0, "--overwrite").stdout.count("walls") == 0
+    assert "away_from_walls" not in json.loads((tmp_path / "score.json").read_text())
+    far = run(*words, "--wall-px", 40, "--overwrite")
+    assert far.exit_code == 0 and "no point lies 40 px from them" in far.stdout
+    assert json.loads((tmp_path / "score.json").read_text())["away_from_walls"]["rmse_um"] is None
+
+
 def test_relative_heights_are_told(pair, tmp_path):
     relative = HeightMap(read_height_map(pair[1]).heights_um, 0.5, 0.5, height_reference="relative")
     write_height_map(tmp_path / "relative.tif", relative)

@@ -11,15 +11,19 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
-from dlwpredict.errors import InputError, blaming
+from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
-from dlwpredict.heightmap import require_same_grid
+from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.score import MATERIAL_RATIO_RANGE, Score, score
 from dlwpredict.transfer import HALF, Transfer, transfer
+from dlwpredict.walls import WALL_PX, near_walls_or_rim
 
 COMMAND = "score"
 STREAMS = {"json_file": ".json"}
+
+AWAY = "rmse_um", "rmse_offset_free_um", "mean_difference_um", "cc", "alpha_z", "l_z_um", "valid_fraction", "points"
+"""Figures that are also given away from walls."""
 
 
 def run(
@@ -41,6 +45,10 @@ def run(
     include_filled: Annotated[
         bool, typer.Option("--include-filled", help="Let filled (interpolated) points enter as well.")
     ] = False,
+    wall_px: Annotated[
+        int,
+        typer.Option(min=0, help="'Away from walls': this far from the reference's walls and the map's rim; 0: none."),
+    ] = WALL_PX,
     transfer_function: Annotated[
         bool, typer.Option("--transfer", help="Amplitude transfer against period; the reference is a cin target.")
     ] = False,
@@ -51,7 +59,8 @@ def run(
 ) -> None:
     """Compare a height map with its reference: deviations, correlation, roughness, height response.
 
-    Points that are not measured, or were filled, in either map are left out.
+    Points that are not measured, or were filled, in either map are left out. The main figures are said once more for
+    what lies away from walls: a wall a pixel out of place, or a map cut out of a larger part, outweighs all else.
 
     $ dlwpredict score target.tif aligned.tif --part-only --json score.json --plot score.png
     """
@@ -64,8 +73,11 @@ def run(
     maps = read_height_map(reference), read_height_map(test)
     require_same_grid(*maps, names=(str(reference), str(test)))
     with blaming(test):
-        result = score(*maps, material_ratio_range=material_ratio, part_only=part_only, include_filled=include_filled)
+        chosen = {"material_ratio_range": material_ratio, "part_only": part_only, "include_filled": include_filled}
+        result, away = score(*maps, **chosen), away_from_walls(*maps, wall_px, **chosen)
     figures: dict[str, Any] = asdict(result)
+    if wall_px:
+        figures["away_from_walls"] = {"wall_px": wall_px} | {key: asdict(away)[key] if away else None for key in AWAY}
     found: dict[str, Transfer] = {}
     if transfer_function or transfer_plot:
         with blaming(reference):
@@ -79,15 +91,35 @@ def run(
     if plot is not None:
         from dlwpredict import plots
 
-        figure = plots.comparison(*maps, names=(reference.stem, test.stem), caption=caption(result))
+        figure = plots.comparison(*maps, names=(reference.stem, test.stem), caption=caption(result, away))
         plots.save(plot, figure)
     if json_file is not None:
         write_text(json_file, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     say(table(result))
+    if wall_px:
+        say(away_note(away, wall_px))
     if found:
         say("\n" + transfer_table(found))
     if result.height_reference == "relative":
         warn(f"{test}: heights are relative (no substrate in view); mean_difference_um and rmse_um hold a free offset")
+
+
+def away_from_walls(reference: HeightMap, test: HeightMap, wall_px: int, **chosen: Any) -> Score | None:
+    """Return the score of what lies so many pixels from the reference's walls and rim; None where nothing does."""
+    if not wall_px:
+        return None
+    try:
+        return score(reference, test, left_out=near_walls_or_rim(reference, wall_px), **chosen)
+    except ResultError:
+        return None
+
+
+def away_note(away: Score | None, wall_px: int) -> str:
+    """Return the main figures away from walls in one line."""
+    if away is None:
+        return f"away from walls: no point lies {wall_px} px from them"
+    rmse = f"rmse {µm(away.rmse_um)}, offset-free {µm(away.rmse_offset_free_um)}"
+    return f"away from walls and rim ({wall_px} px): {rmse}, CC {plain(away.cc)}, alpha_z {plain(away.alpha_z)}"
 
 
 def table(result: Score) -> str:
@@ -134,8 +166,15 @@ def points_note(result: Score) -> str:
     return note
 
 
-def caption(result: Score) -> str:
-    """Return the main figures in one line."""
+def caption(result: Score, away: Score | None) -> str:
+    """Return the main figures, a line for all points and one for those away from walls."""
+    lines = {"away from walls": away, f"whole {result.region}": result}
+    if away is None or away.points == result.points:
+        lines = {"": result}
+    return "\n".join(f"{name}     {_figures(one)}".strip() for name, one in lines.items())
+
+
+def _figures(result: Score) -> str:
     rmse = f"rmse {µm(result.rmse_um)} (offset-free {µm(result.rmse_offset_free_um)})"
     return f"{rmse}     CC {plain(result.cc)}     α$_z$ {plain(result.alpha_z)}     l$_z$ {µm(result.l_z_um)}"
 
