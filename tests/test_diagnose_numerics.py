@@ -9,13 +9,13 @@ from dlwpredict import designs
 from dlwpredict.calibrate.recordings import prepare
 from dlwpredict.diagnose.candidates import candidates
 from dlwpredict.diagnose.competitor import Beside
-from dlwpredict.diagnose.evidence import Whitened, gradient, shifted
+from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, width_rows
 from dlwpredict.diagnose.fit import bare, fit
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch, scores
 from dlwpredict.diagnose.noise_fit import estimate
 from dlwpredict.diagnose.ripple import ripple
-from dlwpredict.diagnose.screen import Null
+from dlwpredict.diagnose.screen import Null, Screen, beside, screen
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
@@ -173,3 +173,83 @@ def test_bump_is_located(holes):
     row, col = np.unravel_index(np.argmax(np.abs(scores(item, item.white(values + bump))).max(axis=0)), used.shape)
     assert np.hypot(row - 45, col - 50) < 3
     assert loud[row, col] > 0.99
+
+
+class TestScreen:
+    """Scores and their probabilities, on paper."""
+
+    @staticmethod
+    def scored(trials: float) -> Screen:
+        return Screen(*[np.zeros(1)] * 4, np.zeros((1, 1)), trials)
+
+    def test_one_trial_has_the_two_sided_probability(self):
+        assert self.scored(1.0).p_value(1.959964) == pytest.approx(0.05, rel=1e-5)
+        assert self.scored(1.0).p_value(-1.959964) == pytest.approx(0.05, rel=1e-5)
+
+    def test_many_trials_are_paid_for(self):
+        assert self.scored(10.0).p_value(1.959964) == pytest.approx(1 - 0.95**10, rel=1e-5)
+
+    @pytest.mark.parametrize("trials", [1.0, 7.0])
+    def test_the_threshold_has_the_probability_asked_for(self, trials):
+        scored = self.scored(trials)
+        assert scored.p_value(scored.threshold(0.05)) == pytest.approx(0.05, rel=1e-6)
+
+    def test_what_the_fit_can_follow_is_taken_out(self):
+        rng = np.random.default_rng(0)
+        basis, _ = np.linalg.qr(rng.normal(size=(50, 3)))
+        columns = np.column_stack([rng.normal(size=50), basis @ [1.0, 2.0, 3.0]])
+        unit, lengths = beside(basis, columns)
+        np.testing.assert_allclose(basis.T @ unit, 0, atol=1e-12)
+        assert np.linalg.norm(unit[:, 0]) == pytest.approx(1)
+        assert lengths[0] == pytest.approx(
+            np.sqrt(columns[:, 0] @ columns[:, 0] - np.sum((basis.T @ columns[:, 0]) ** 2))
+        )
+        assert lengths[1] == 0 and not unit[:, 1].any()
+
+
+def test_a_strength_that_is_not_physical_scores_nothing():
+    grid = np.ones((12, 12), bool)
+    noise = Noise(1.0, 0.0, 1.0, 1.0, 1.0)
+    matrix = Neighbourhood.of(grid, 1.0, 1.0).whitener(noise)
+    part = SimpleNamespace(points=144)
+    rng = np.random.default_rng(0)
+    column = np.zeros(144)
+    column[50] = 1.0
+    fitted = SimpleNamespace(
+        basis=np.zeros((144, 1)), residual=-5.0 * column, data=[SimpleNamespace(recording=part, matrix=matrix)]
+    )
+    null = Null(rng.standard_normal((144, 200)).astype(np.float32))
+    z = [screen(fitted, column[:, None], np.array([sign]), null).z[0] for sign in (-1, 0, 1)]
+    assert z[0] == pytest.approx(-5, rel=0.2) and z[1] == z[0] and z[2] == 0
+
+
+def test_nuisances_are_what_a_shift_a_turn_and_a_scale_do():
+    """Each column against the same change of a plane, whose gradient is known: −∇f·u."""
+    target = HeightMap(np.full((20, 30), 2.0), 0.5, 0.25)
+    x, y = np.meshgrid(target.x_um, target.y_um)
+    data = Whitened.of(bare(prepare(target, target)), Noise(0.01, 0.0, 1.0, 0.5, 0.25), np.zeros(target.shape))
+    found = dict(zip(NUISANCES, data.nuisance_maps(0.3 * x - 0.2 * y), strict=True))
+    inner = (slice(3, -3), slice(3, -3))
+    expected = {
+        "offset": np.ones(x.shape), "tilt_x": x / 7.5, "tilt_y": y / 2.5, "shift_x": np.full(x.shape, -0.3),
+        "shift_y": np.full(x.shape, 0.2), "rotation": 0.3 * y + 0.2 * x, "scale_x": -0.3 * x, "scale_y": 0.2 * y,
+        "shear": -0.3 * y,
+    }  # fmt: skip
+    for name, column in expected.items():
+        np.testing.assert_allclose(found[name][inner], column[inner], atol=1e-9, err_msg=name)
+
+
+def test_a_second_derivative_is_that_of_a_parabola():
+    x = (np.arange(20) - 9.5) * 0.4
+    np.testing.assert_allclose(bending(np.tile(0.7 * x**2, (9, 1)), 0.4, 1)[4, 3:-3], 1.4, atol=1e-9)
+
+
+def test_a_width_is_drawn_towards_the_papers_value():
+    """(ln μ − ln w)/σ, and its derivative is that of the prediction, ln w/σ."""
+    names = ("threshold", "exposure_fwhm_z_um")
+    residual, derivative = width_rows(ParameterSet(paper=Paper(exposure_fwhm_z_um=2.0)), names)
+    row = list(WIDTHS).index("exposure_fwhm_z_um")
+    assert residual[row] == pytest.approx(np.log(1.5 / 2.0) / 0.4)
+    further, _ = width_rows(ParameterSet(paper=Paper(exposure_fwhm_z_um=2.0 + 1e-6)), names)
+    assert derivative[row, 1] == pytest.approx((residual - further)[row] / 1e-6, rel=1e-4)
+    assert np.count_nonzero(residual) == np.count_nonzero(derivative) == 1

@@ -194,3 +194,31 @@ class TestNumericsAgree:
 def test_targets_that_cannot_be_written_are_refused(heights, said):
     with pytest.raises(InputError, match=said):
         predict(HeightMap(heights, 1, 1), ParameterSet())
+
+
+class TestPixelsThatAreNotSquare:
+    """Widths are µm along x and y, whatever the pitches."""
+
+    @pytest.mark.parametrize("angle_deg", [0.0, 180.0, 90.0])
+    def test_a_spot_has_its_widths(self, angle_deg):
+        spot = np.zeros((81, 161))
+        spot[40, 80] = 1
+        cloud = Focus(1.0, 3.0, 6.0, 1.0, angle_deg=angle_deg).spread(spot, 0.2, 0.5)
+        x, y = (np.arange(161) - 80) * 0.2, (40 - np.arange(81)) * 0.5
+        expected = (3.0, 6.0) if angle_deg % 180 == 0 else (6.0, 3.0)
+        found = [np.sqrt(cloud.sum(axis=a) @ u**2) * FWHM_PER_SIGMA for a, u in ((0, x), (1, y))]
+        np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+    def test_both_numerics_agree(self):
+        rng = np.random.default_rng(4)
+        part = HeightMap(np.pad(np.kron(rng.uniform(2, 5, (4, 4)), np.ones((10, 20))), 10), 0.15, 0.35)
+        paper = Paper(crosslink_fwhm_xy_um=3.0, crosslink_fwhm_z_um=9.0)
+        process = ParameterSet(paper=paper, readings=Readings(crosslink_reference="bulk"))
+        fast, voxel = (predict(part, process, numerics=n).heights_um for n in (Levels(1), Voxels(0.02)))
+        assert np.sqrt(np.mean((fast - voxel)[fast > 0] ** 2)) < 0.02
+
+
+def test_factors_on_the_threshold_multiply():
+    twice, thrice = (lambda written, z, f=f: np.full(written.shape, f) for f in (2.0, 3.0))
+    dose = Dose(block(), (Focus(1.0, 0.5, 0.5, 1.5),), Levels(), threshold_factor=(twice, thrice))
+    assert (dose.relative_threshold(1.0) == 6.0).all()
