@@ -17,7 +17,7 @@ LEAST_SHARE = 0.9
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", metavar="TEXT", help="mutants whose file or text contains this")
-    parser.add_argument("--timeout", type=float, default=300.0, metavar="SECONDS", help="of one test file")
+    parser.add_argument("--timeout", type=float, default=300.0, metavar="SECONDS", help="for one mutant")
     options = parser.parse_args()
     chosen = [mutant for mutant in mutants() if options.only in str(mutant)]
     if not chosen:
@@ -33,7 +33,7 @@ def main() -> int:
         for number, mutant in enumerate(chosen, 1):
             outcome = copy.judge(mutant)
             outcomes.append(outcome)
-            said = f"caught by {outcome.by}" if outcome.by else "SURVIVES"
+            said = f"caught ({outcome.by})" if outcome.by else "SURVIVES"
             print(f"{number:4d}  {outcome.seconds:6.1f} s  {said}  {mutant}", flush=True)
     print(summary(outcomes))
     survivors = [outcome.mutant for outcome in outcomes if not outcome.by]

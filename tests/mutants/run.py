@@ -27,7 +27,7 @@ class Outcome:
     ----------
     mutant : Mutant
     by : str
-        The test file that caught it; empty if none did.
+        The test that caught it; empty if none did.
     seconds : float
     """
 
@@ -44,42 +44,39 @@ class Copy:
     ----------
     root : Path
     timeout_s : float
-        A test file that takes longer has caught its mutant: it hangs.
+        Tests of one mutant that take longer have caught it: it hangs.
     """
 
     root: Path
     timeout_s: float = 300.0
 
-    def run(self, test: str, *, keep_compiled: bool = False) -> subprocess.CompletedProcess | None:
-        """Run one test file up to its first failure; None where it did not end in time."""
-        words = ["-m", "pytest", "-x", "-q", "--no-header", "--tb=line", "-p", "no:cacheprovider", test]
+    def run(self, tests: Iterable[str], timeout_s: float | None, *, keep_compiled: bool = False) -> str:
+        """Run test files up to the first failure; return what failed, or nothing."""
+        words = ["-m", "pytest", "-x", "-q", "--no-header", "--tb=line", "-p", "no:cacheprovider", *tests]
         settings = {**os.environ, "PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "" if keep_compiled else "1"}
         try:
-            return subprocess.run(
+            done = subprocess.run(
                 [sys.executable, *words],
-                cwd=self.root, env=settings, timeout=self.timeout_s, capture_output=True, text=True,
+                cwd=self.root, env=settings, timeout=timeout_s, capture_output=True, text=True,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            return None
+            return "no end"
+        if done.returncode == 0:
+            return ""
+        failed = [line.split(" - ")[0] for line in done.stdout.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+        return failed[0] if failed else f"pytest ended with {done.returncode}"
 
     def require_passing(self, tests: Iterable[str]) -> None:
         """Refuse a project whose tests fail by themselves: they would catch everything."""
-        for test in tests:
-            done = self.run(test, keep_compiled=True)
-            if done is None or done.returncode:
-                raise SystemExit(f"error: {test}: fails without any mutant\n{done.stdout if done else 'no end'}")
+        if failed := self.run(tests, None, keep_compiled=True):
+            raise SystemExit(f"error: without any mutant: {failed}")
 
     def judge(self, mutant: Mutant) -> Outcome:
-        """Run the mutant's tests until one fails."""
+        """Run the mutant's tests until one fails. That they cannot even be collected counts as well."""
         started = time.monotonic()
         with self._mutated(mutant):
-            for test in mutant.tests:
-                done = self.run(test)
-                if done is None or done.returncode == 1:
-                    return Outcome(mutant, test, time.monotonic() - started)
-                if done.returncode:  # collection errors count too: the module no longer imports
-                    return Outcome(mutant, f"{test} (cannot run)", time.monotonic() - started)
-        return Outcome(mutant, "", time.monotonic() - started)
+            by = self.run(mutant.tests, self.timeout_s)
+        return Outcome(mutant, by, time.monotonic() - started)
 
     @contextmanager
     def _mutated(self, mutant: Mutant) -> Iterator[None]:
