@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy  # parts that few predictions need are imported on first use: they take longer than a small prediction
-from scipy import fft, ndimage
+from scipy import fft
 
 FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
 """FWHM of a Gaussian of standard deviation 1. The paper writes σ for what are FWHMs."""
@@ -21,8 +21,32 @@ COARSE_PIXELS_PER_SIGMA = 5.0
 WIDE_PIXELS_PER_SIGMA = 4.0
 """The same for means that are read at points only, not over pixels."""
 
-_LONG_KERNEL = 129
-"""Taps above which convolution goes through Fourier space."""
+BLOCK_PX = 64
+"""Pixels of a line that one matrix product gives: a convolution by blocks is several times quicker than tap by tap."""
+
+_ARTANH_ERF = (0.79786971, 0.036392286, -8.7826621e-5, -3.6693431e-5, 1.425005e-6)
+"""artanh(2Φ(x) − 1) / x as a polynomial in x², fitted for the smallest error of Φ up to 6; it rises beyond."""
+
+
+def ndtr(x: np.ndarray) -> np.ndarray:
+    """Return Φ(x), the integral of the standard Gaussian, to 1.5e-6: five times quicker than SciPy's.
+
+    Examples
+    --------
+    >>> from scipy import special
+    >>> x = np.linspace(-40, 40, 4001)
+    >>> bool(np.abs(ndtr(x) - special.ndtr(x)).max() < 1.5e-6), ndtr(x.astype(np.float32)).dtype
+    (True, dtype('float32'))
+    """
+    square, result = x * x, np.full_like(x, _ARTANH_ERF[-1])
+    for coefficient in _ARTANH_ERF[-2::-1]:
+        result *= square
+        result += coefficient
+    result *= x
+    np.tanh(result, out=result)
+    result += 1
+    result *= 0.5
+    return result
 
 
 @lru_cache(maxsize=256)
@@ -80,19 +104,40 @@ def blur(planes: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray
     """
     for axis, sigma in ((-2, sigma_y_px), (-1, sigma_x_px)):
         taps = gaussian_taps(float(sigma))
-        if len(taps) > _LONG_KERNEL:
-            shape = [1] * planes.ndim
-            shape[axis] = len(taps)
-            planes = scipy.signal.oaconvolve(planes, taps.astype(planes.dtype).reshape(shape), mode="same", axes=axis)
-        elif len(taps) > 1:
-            planes = ndimage.correlate1d(planes, taps, axis=axis, mode="constant")
+        if len(taps) > 1:
+            planes = _convolved(planes, _block(float(sigma), planes.dtype), len(taps) // 2, axis)
     return planes
+
+
+def _convolved(planes: np.ndarray, block: np.ndarray, radius: int, axis: int) -> np.ndarray:
+    """Multiply every `BLOCK_PX` pixels of an axis, and those within the radius, with the block of taps."""
+    count, result = planes.shape[axis], np.empty_like(planes)
+    for start in range(0, count, BLOCK_PX):
+        stop = min(start + BLOCK_PX, count)
+        around = slice(max(start - radius, 0), min(stop + radius, count))
+        part = block[around.start - start + radius : around.stop - start + radius, : stop - start]
+        if axis == -1:
+            result[..., start:stop] = planes[..., around] @ part
+        else:
+            result[..., start:stop, :] = part.T @ planes[..., around, :]
+    return result
+
+
+@lru_cache(maxsize=32)
+def _block(sigma_px: float, dtype: np.dtype) -> np.ndarray:
+    """Return the taps from pixels to a block in their middle, shape (BLOCK_PX + 2·radius, BLOCK_PX)."""
+    taps = gaussian_taps(sigma_px)
+    offsets = np.arange(BLOCK_PX + len(taps) - 1)[:, None] - np.arange(BLOCK_PX)
+    inside = (offsets >= 0) & (offsets < len(taps))
+    block = np.where(inside, taps[np.clip(offsets, 0, len(taps) - 1)], 0).astype(dtype)
+    block.setflags(write=False)
+    return block
 
 
 def block_mean(plane: np.ndarray, factors: Sequence[int]) -> np.ndarray:
     """Average over blocks of whole pixels, (rows, cols) per block; the plane must hold whole blocks."""
     rows, cols = (n // m for n, m in zip(plane.shape, factors, strict=True))
-    return plane.reshape(rows, factors[0], cols, factors[1]).mean(axis=(1, 3))
+    return plane.reshape(rows, factors[0], -1).mean(axis=1).reshape(rows, cols, factors[1]).mean(axis=2)
 
 
 def wide_blur(plane: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from dlwpredict.parallel import each
+from dlwpredict.smoothing import ndtr
 
 _NOTHING = 1e-12
 
