@@ -23,6 +23,7 @@ from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.pages.relief import relief
 from dlwpredict.pages.report import changed_inputs, figures, page
 from dlwpredict.pages.run_folder import read_run
+from dlwpredict.pages.words import length as words_of
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.score import score
@@ -135,7 +136,13 @@ def test_figures_are_those_of_the_score_command(run, tmp_path):
     ]
     assert CliRunner().invoke(app, ["score", *words]).exit_code == 0
     expected = json.loads((tmp_path / "s.json").read_text())
-    rows = {row.name: row for row in figures(read_run(run).structures[0])}
+    found = figures(read_run(run).structures[0])
+    rows = {(row.name, row.reference): row for row in found}
+    rows["print"] = rows["print", "target"]
+    for key, value in expected["away_from_walls"].items():
+        if key != "wall_px":
+            assert rows["print"].away[key] == pytest.approx(value, rel=1e-6), key
+    assert rows["print"].away["rmse_um"] < 0.9 * rows["print"].values["rmse_um"]
     assert rows["print"].values["material_ratio_range"] == tuple(expected["material_ratio_range"])
     for key in (
         "rmse_um",
@@ -151,9 +158,21 @@ def test_figures_are_those_of_the_score_command(run, tmp_path):
         assert rows["print"].values[key] == pytest.approx(expected[key], rel=1e-6), key
     part = TARGET.heights_um > 0
     off = printed().heights_um[part] - predict(TARGET, ParameterSet()).heights_um[part]
-    assert rows["predicted print"].values["rmse_um"] == pytest.approx(np.sqrt(np.nanmean(off**2)), rel=1e-4)
-    assert rows["target"].values["rmse_um"] == 0
-    assert f"{expected['rmse_um']:.3f}" in text_of(run)[0]
+    against = rows["print", "predicted print"].values
+    assert against["rmse_um"] == pytest.approx(np.sqrt(np.nanmean(off**2)), rel=1e-4)
+    assert against["mean_difference_um"] == pytest.approx(np.nanmean(off), abs=1e-6)  # as in score predicted aligned
+    assert set(rows["target", ""].values) == {"sa_um", "sq_um", "sz_um"}
+    text, _ = text_of(run)
+    assert f"{expected['rmse_um']:.3f}" in text
+    ends = [rows[name, "target"] for name in ("print", "print of the corrected design")]
+    away = [words_of(one.away["rmse_um"]) for one in ends]
+    whole = [words_of(one.values["rmse_um"]) for one in ends]
+    assert f"letter: rmse away from walls {away[0]} (print) → {away[1]} (print of the corrected design)" in text
+    assert f"over the whole part, walls included, {whole[0]} → {whole[1]}" in text
+
+
+def test_a_target_without_a_print_has_no_figures(tmp_path):
+    assert figures(read_run(put(tmp_path / "bare", target=TARGET)).structures[0]) == []
 
 
 def test_generations_stand_in_order_under_their_part(tmp_path):
@@ -164,9 +183,9 @@ def test_generations_stand_in_order_under_their_part(tmp_path):
     for start in (folder, folder.parent):
         (structure,) = read_run(start).structures
         assert [one.name for one in structure.prints] == ["g0", "g2", "g10"]
-        errors = [row.values["rmse_um"] for row in figures(structure)]
+        errors = [row.values["rmse_um"] for row in figures(structure)[1:]]
         assert [row.name for row in figures(structure)] == ["target", "print g0", "print g2", "print g10"]
-        assert errors[0] == 0 and np.all(np.diff(errors[1:]) < 0)
+        assert np.all(np.diff(errors) < 0)
     text, whole = text_of(folder)
     assert re.search(r"letter: rmse .* \(print g0\) → .* \(print g10\)", text)
     assert text.count("Design written") == 2  # the first was the target itself

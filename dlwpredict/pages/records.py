@@ -68,6 +68,7 @@ NEEDS: dict[str, dict[str, str]] = {
     "score": {
         **dict.fromkeys(("rmse_um", "rmse_offset_free_um", "sa_um", "sq_um", "sz_um"), NUMBER),
         **dict.fromkeys(("cc", "alpha_z", "l_z_um"), f"{NUMBER}?"),
+        **dict.fromkeys((f"away_from_walls?.{key}" for key in ("rmse_um", "rmse_offset_free_um", "cc")), f"{NUMBER}?"),
     },
 }
 """What is read of each kind of file."""

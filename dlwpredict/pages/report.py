@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from dlwpredict.pages.run_folder import Run, Structure
 from dlwpredict.pages.templates import template
 from dlwpredict.parameters import ParameterSet, Readings, declarations
 from dlwpredict.score import score
+from dlwpredict.walls import WALL_PX, near_walls_or_rim
 
 MOST_PIXELS = 800_000
 """Pixels of all maps of a page together; at about four bytes each."""
@@ -38,12 +39,16 @@ _GENERATION_FOLDER = re.compile(r"(^|/)g(en(eration)?)?[-_]?\d+$", re.IGNORECASE
 
 @dataclass(frozen=True)
 class Figures:
-    """One line of the table of figures: what was compared with what, and the score, as the paper's Table 1 has it."""
+    """One line of the table of figures: what was compared with what, and the score, as the paper's Table 1 has it.
+
+    ``values`` are those of the whole part, ``away`` those of what lies away from walls and the map's rim.
+    """
 
     structure: str
     name: str
     reference: str
     values: dict[str, float | None]
+    away: dict[str, float | None] = field(default_factory=dict)
     note: str = ""
 
 
@@ -70,6 +75,7 @@ def page(run: Run) -> str:
         structures=[_shown(structure, pixels) for structure in run.structures],
         summaries=summaries(run.structures, rows),
         rows=rows,
+        wall_px=WALL_PX,
         reliefs=view(_reliefs(run.structures)),
         alignments=_facts(run, "alignment"),
         corrections=_facts(run, "correction"),
@@ -82,10 +88,8 @@ def page(run: Run) -> str:
 
 
 def figures(structure: Structure) -> list[Figures]:
-    """Return the figures of a structure: its target, every print against it, every prediction against its print."""
+    """Return the figures of a structure: its target, every print against it, every print against its prediction."""
     target, found = structure.target, []
-    if target is not None:
-        found.append(_compared(structure.name, "target", target, "", target, target))
     for one in structure.prints:
         named = f" {one.name}".rstrip()
         aligned = one.maps.get("aligned")
@@ -94,9 +98,15 @@ def figures(structure: Structure) -> list[Figures]:
                 found.append(_compared(structure.name, name, one.maps[role], "target", target, target))
         if aligned is not None and "predicted" in one.maps:
             name, predicted = f"predicted print{named}", one.maps["predicted"]
-            found.append(_compared(structure.name, name, predicted, f"print{named}", aligned, target or predicted))
+            found.append(_compared(structure.name, f"print{named}", aligned, name, predicted, target or predicted))
         if "score" in one.facts and (aligned is None or target is None):
-            found.append(Figures(structure.name, f"print{named}", "not stated", one.facts["score"], "as in score.json"))
+            stated = one.facts["score"]
+            away = stated.get("away_from_walls") or {}
+            found.append(Figures(structure.name, f"print{named}", "not stated", stated, away, "as in score.json"))
+    if found and target is not None:
+        sizes = ("sa_um", "sq_um", "sz_um")
+        alone = _compared(structure.name, "target", target, "", target, target).values
+        found.insert(0, Figures(structure.name, "target", "", {key: alone[key] for key in sizes if key in alone}))
     return found
 
 
@@ -105,14 +115,18 @@ def _compared(
 ) -> Figures:
     """Return the score of a test map where the part stands above the substrate; why not, where there is none."""
     if not (test.same_grid(reference) and test.same_grid(part)):
-        return Figures(structure, name, against, {}, "not on the same grid")
+        return Figures(structure, name, against, {}, note="not on the same grid")
     stands = part.heights_um > 0 if (part.heights_um > 0).any() else np.ones(part.shape, dtype=bool)
     try:
-        found = score(reference.with_heights(np.where(stands, reference.heights_um, np.nan)), test)
+        found = score(reference, test, left_out=~stands)
     except ResultError as error:
-        return Figures(structure, name, against, {}, error.what)
+        return Figures(structure, name, against, {}, note=error.what)
+    try:
+        away = asdict(score(reference, test, left_out=~stands | near_walls_or_rim(part)))
+    except ResultError:
+        away = {}
     note = "relative" if found.height_reference == "relative" else ""
-    return Figures(structure, name, against, asdict(found) | {"valid_fraction": found.points / stands.sum()}, note)
+    return Figures(structure, name, against, asdict(found), away, note)
 
 
 def summary(structure: str, rows: list[Figures]) -> str:
@@ -120,8 +134,12 @@ def summary(structure: str, rows: list[Figures]) -> str:
     prints = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
     if not prints:
         return ""
-    ends = [f"{words.length(row.values['rmse_um'])} ({row.name})" for row in prints]
-    return f"{structure}: rmse {' → '.join(dict.fromkeys((ends[0], ends[-1])))}"
+    ends = prints[:1] if len(prints) == 1 else [prints[0], prints[-1]]
+    whole = " → ".join(words.length(row.values["rmse_um"]) for row in ends)
+    if not all(row.away for row in ends):
+        return f"{structure}: rmse {whole}, walls included ({' → '.join(row.name for row in ends)})"
+    away = " → ".join(f"{words.length(row.away['rmse_um'])} ({row.name})" for row in ends)
+    return f"{structure}: rmse away from walls {away}; over the whole part, walls included, {whole}"
 
 
 def summaries(structures: tuple[Structure, ...], rows: list[Figures]) -> list[str]:
@@ -129,9 +147,11 @@ def summaries(structures: tuple[Structure, ...], rows: list[Figures]) -> list[st
     found = [text for structure in structures if (text := summary(structure.name, rows))]
     if len(found) <= MOST_LINES:
         return found
-    last = {row.structure: row.values["rmse_um"] for row in rows if row.reference == "target" and row.values}
-    low, middle, high = (words.length(float(value)) for value in np.percentile(list(last.values()), (0, 50, 100)))
-    return [f"{len(last)} structures: rmse of the last print {low} to {high}, median {middle}"]
+    last = {row.structure: row for row in rows if row.reference == "target" and row.values}
+    errors = [float((row.away or row.values)["rmse_um"]) for row in last.values()]
+    low, middle, high = (words.length(float(value)) for value in np.percentile(errors, (0, 50, 100)))
+    where = "away from walls" if all(row.away for row in last.values()) else "away from walls if possible"
+    return [f"{len(last)} structures: rmse of the last print {where} {low} to {high}, median {middle}"]
 
 
 def parameter_tables(files: dict[str, ParameterSet]) -> list[dict[str, Any]]:
