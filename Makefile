@@ -67,6 +67,10 @@ clean: ## Remove the environment and all runs
 	rm -rf $(VENV) $(RUNS) *.egg-info .pytest_cache .ruff_cache .hypothesis
 
 # -- benchmarks -------------------------------------------------------------------------------
+.PHONY: bench
+bench: $(VENV)/.installed ## Speed, as ratios measured side by side (half an hour; BENCH="startup predict", BENCH="large")
+	$(BIN)/python -m tests.bench.speed --folder $(RUNS)/bench $(BENCH)
+
 .PHONY: bench-model bench-align bench-calibration bench-diagnose
 bench-model: $(VENV)/.installed ## Fast against voxel: agreement, time, memory
 	$(BIN)/python -m tests.bench.model

@@ -1,0 +1,177 @@
+"""What is compared with what, and the target beside it.
+
+Ratios are of processor time: everything runs in one thread, and what other programs do to the clock cancels. Where a
+ratio is of wall time, or a figure is in seconds, it says so.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from dlwpredict.cli.commands import NAMES
+from tests.bench.speed.measure import alternate, job
+
+PROGRAM = str(Path(sys.executable).with_name("dlwpredict"))
+BARE = [sys.executable, "-c", "import numpy, scipy"]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One line of the table.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+    unit : str
+        "x" for a ratio.
+    target : float, optional
+        From issue 6, with the sense of ``least``.
+    least : bool
+        Whether the target is the least or the most that is wanted.
+    repeats : int
+        Alternating runs of which the medians are compared.
+    note : str
+    measured : dict
+        The medians that the figure is made of.
+    """
+
+    name: str
+    value: float
+    unit: str = "x"
+    target: float | None = None
+    least: bool = True
+    repeats: int = 5
+    note: str = ""
+    measured: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """Whether the target is met."""
+        if self.target is None:
+            return ""
+        return "met" if (self.value >= self.target) == self.least or self.value == self.target else "missed"
+
+
+def _times(found: dict[str, dict], more: str, less: str, key: str = "cpu_s") -> float:
+    return found[more][key] / found[less][key]
+
+
+def startup(repeats: int) -> Iterator[Figure]:
+    """Yield the start of `--help` and of every command's against the bare import of the two libraries."""
+    found = alternate(
+        {"bare": BARE, "--help": [PROGRAM, "--help"]} | {name: [PROGRAM, name, "--help"] for name in NAMES}, repeats
+    )
+    note = f"bare import {found['bare']['cpu_s']:.3f} s"
+    yield Figure("start of --help", _times(found, "--help", "bare"), "x", 1.5, False, repeats, note, found)
+    for name in NAMES:
+        yield Figure(f"start of {name} --help", _times(found, name, "bare"), "x", None, False, repeats)
+
+
+def _predicted(side: int, target: float | None, repeats: int) -> Iterator[Figure]:
+    jobs = {"fast": job("printed", side), "voxels": job("voxels", side), "floor": job("floor", side)}
+    found = alternate(jobs | {"fast, 2 threads": job("printed", side, 2)}, repeats)
+    note = f"{found['voxels']['cpu_s']:.2f} s against {found['fast']['cpu_s']:.2f} s"
+    ratio, by_wall = _times(found, "voxels", "fast"), _times(found, "voxels", "fast, 2 threads", "wall_s")
+    yield Figure(f"predict {side}²: voxels / fast", ratio, "x", target, True, repeats, note, found)
+    note = f"{found['voxels']['wall_s']:.2f} s against {found['fast, 2 threads']['wall_s']:.2f} s; means something on idle cores"
+    yield Figure(f"predict {side}²: by wall time, 2 threads", by_wall, "x", target, True, repeats, note)
+    note = f"floor: {found['floor']['levels']:.0f} pairs of 2-D FFTs, {found['floor']['cpu_s']:.2f} s"
+    yield Figure(f"predict {side}²: fast / floor", _times(found, "fast", "floor"), "x", None, False, repeats, note)
+    note = f"voxels {found['voxels']['peak_mb']:.0f} MB"
+    yield Figure(f"predict {side}²: peak memory", found["fast"]["peak_mb"], "MB", 500, False, repeats, note)
+
+
+def predict(repeats: int) -> Iterator[Figure]:
+    """Yield the prediction against voxels of the same pixels and 0.1 µm slices, and its own error."""
+    yield from _predicted(512, None, repeats)
+    yield from _predicted(1024, 120, min(repeats, 3))
+    for side in (512, 1024):
+        found = alternate({"error": job("error", side)}, 1)["error"]
+        note = f"against levels five times closer; at most {found['most_nm']:.2f} nm"
+        yield Figure(f"predict {side}²: rms error", found["rms_nm"], "nm", 3, False, 1, note, found)
+
+
+def large(repeats: int) -> Iterator[Figure]:
+    """Yield the same on 2048², once: the voxels take minutes and 7 GB."""
+    yield from _predicted(2048, 250, 1)
+
+
+def growth(repeats: int) -> Iterator[Figure]:
+    """Yield how the cost grows with pixels and with height."""
+    sides = (256, 512, 1024, 2048)
+    found = alternate({str(side): job("printed", side) for side in sides}, repeats)
+    for small, big in pairwise(sides):
+        allowed = (big / small) ** 2 * math.log(big) / math.log(small)
+        yield Figure(f"predict {small}² to {big}²: growth / n log n", _times(found, str(big), str(small)) / allowed,
+                     "x", 1, False, repeats, "", found)  # fmt: skip
+    found = alternate({times: job("printed", 512, 1, times) for times in ("1", "2", "4")}, repeats)
+    for times in ("2", "4"):
+        yield Figure(
+            f"predict 512²: {times} times as high", _times(found, times, "1"), "x", None, False, repeats, "", found
+        )
+
+
+def _raced(kind: str, side: int, pitch: float, target: float | None, slow: str, repeats: int) -> Iterator[Figure]:
+    words = (kind, side, pitch)
+    slow_job = job("calibrated", "simplex", *words) if slow == "simplex" else job("voxel_simplex", *words)
+    found = alternate({"fast": job("calibrated", "fast", *words), slow: slow_job}, repeats)
+    note = "; ".join(f"{n} {one['wall_s']:.1f} s, {one['predictions']:.0f} predictions, rmse {one['rmse_nm']:.3f} nm"
+                     for n, one in found.items())  # fmt: skip
+    yield Figure(
+        f"calibrate {kind} {side}²: {slow} / fast", _times(found, slow, "fast"), "x", target, True, repeats, note, found
+    )
+
+
+def calibrate(repeats: int) -> Iterator[Figure]:
+    """Yield fast against the simplex: on the fast model, and on voxels, small maps."""
+    yield from _raced("cin", 128, 0.25, 50, "simplex", min(repeats, 3))
+    yield from _raced("air", 128, 0.25, 50, "simplex", min(repeats, 3))
+    yield from _raced("cin", 64, 0.4, None, "simplex on voxels", 1)
+
+
+def calibrate_full(repeats: int) -> Iterator[Figure]:
+    """Yield the same at the sizes of the issue, once: minutes to an hour; the paper took 1 to 5 minutes."""
+    yield from _raced("cin", 500, 0.1, 50, "simplex", 1)
+    yield from _raced("air", 1000, 0.1, 50, "simplex", 1)
+
+
+def precompensate(repeats: int) -> Iterator[Figure]:
+    """Yield the correction in units of one prediction."""
+    found = alternate({"predict": job("printed", 512), "precompensate": job("corrected", 512)}, repeats)
+    note = f"{found['precompensate']['predictions']:.0f} predictions, {found['precompensate']['cpu_s']:.2f} s"
+    yield Figure(
+        "precompensate 512² / predict",
+        _times(found, "precompensate", "predict"),
+        "x",
+        None,
+        False,
+        repeats,
+        note,
+        found,
+    )
+
+
+def diagnose(repeats: int) -> Iterator[Figure]:
+    """Yield a diagnosis of three recordings, in seconds and in predictions of 512²."""
+    found = alternate({"predict": job("printed", 512), "diagnose": job("diagnosed")}, min(repeats, 3))
+    one = found["diagnose"]
+    yield Figure("diagnose 3 x 145²: wall time", one["wall_s"], "s", 30, False, one["repeats"],
+                 f"{one['cpu_s']:.1f} s of processor time", found)  # fmt: skip
+    yield Figure(
+        "diagnose 3 x 145² / predict 512²", _times(found, "diagnose", "predict"), "x", None, False, one["repeats"]
+    )
+
+
+PARTS: dict[str, Callable[[int], Iterator[Figure]]] = {
+    part.__name__.replace("_", "-"): part
+    for part in (startup, predict, large, growth, calibrate, calibrate_full, precompensate, diagnose)
+}
+LONG = ("large", "calibrate-full")
+"""Parts that only run when they are asked for."""
