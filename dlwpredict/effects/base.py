@@ -95,13 +95,12 @@ class DoseEffect(Effect):
     conversion: float = declare(0.0, "1", 0.0, 1.0, "eta: share of the dose change that reaches cross-linking")
 
     def act(self, state: Dose) -> Dose:
-        """Return the dose with this intensity as one more factor."""
-        return self.driven(state, self.intensity)
+        """Return the dose with this intensity of the focus as one more factor."""
+        return self.added(state, intensity=(*state.intensity, self.intensity))
 
-    def driven(self, state: Dose, intensity: PlaneAt) -> Dose:
-        """Return the dose with one more factor; η belongs to the resin and is shared."""
-        conversion = max(state.conversion, self.conversion)
-        return replace(state, intensity=(*state.intensity, intensity), conversion=conversion)
+    def added(self, state: Dose, **factors: tuple[PlaneAt, ...]) -> Dose:
+        """Return the dose with other factors; η belongs to the resin and is shared."""
+        return replace(state, **factors, conversion=max(state.conversion, self.conversion))
 
     def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
         """Return D while the layer at height z is written, on the whole plane, shape (rows, cols)."""

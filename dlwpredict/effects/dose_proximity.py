@@ -10,6 +10,7 @@ from scipy.special import ndtr
 from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import gaussian_um
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.states import Dose
 from dlwpredict.parameters import declare
 from dlwpredict.smoothing import FWHM_PER_SIGMA
 
@@ -47,6 +48,10 @@ class DoseProximity(DoseEffect):
 
     gain: float = declare(0.0, "1", 0.0, 0.5, "additional intensity deep inside a large part", typical=0.1)
     fwhm_um: float = declare(10.0, "µm", 1, 60, "width of the neighbourhood that counts")
+
+    def act(self, state: Dose) -> Dose:
+        """Return the dose with this background: it reaches the resin, wherever the focus is."""
+        return self.added(state, background=(*state.background, self.intensity))
 
     def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
         """Return D at height z."""

@@ -30,7 +30,8 @@ class PowerDrift(DoseEffect):
 
     def act(self, state: Dose) -> Dose:
         """Return the dose with the drift over the layers that are written, wherever D is asked for."""
-        return self.driven(state, partial(self.along, highest_um=state.written.heights_um.max()))
+        drift = partial(self.along, highest_um=state.written.heights_um.max())
+        return self.added(state, intensity=(*state.intensity, drift))
 
     def along(self, written: HeightMap, z_um: float, *, highest_um: float) -> np.ndarray:
         """Return D at height z."""

@@ -124,7 +124,7 @@ def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers
     return (
         Layers.of(dose.relative_dose, top, DOSE_LAYER_UM, threads) if dose.intensity else None,
         Layers.of(dose.relative_threshold, top + room, DOSE_LAYER_UM, threads).every(step)
-        if dose.threshold_factor
+        if dose.threshold_factor or dose.background
         else None,
     )
 

@@ -92,6 +92,9 @@ class Dose:
     intensity : tuple of functions (written, z) → plane
         Relative focus intensities D(x, y, z) while the layer z is written, 1 = nominal; they multiply, and the dose
         follows Dᴺ. They act under the convolution with the focus.
+    background : tuple of functions (written, z) → plane
+        Relative intensities that reach the resin at z itself, wherever the focus is; they multiply, and act on the
+        exposure of the point, outside of the convolution.
     threshold_factor : tuple of functions (written, z) → plane
         Factors on the threshold of the resin at z; they multiply.
     conversion : float
@@ -104,23 +107,28 @@ class Dose:
     focus: tuple[Focus, ...]
     numerics: Numerics
     intensity: tuple[PlaneAt, ...] = ()
+    background: tuple[PlaneAt, ...] = ()
     threshold_factor: tuple[PlaneAt, ...] = ()
     conversion: float = 0.0
     photon_order: float = 2.0
 
     def relative_dose(self, z_um: float) -> np.ndarray:
-        """Dᴺ at one level, 1 = nominal, shape (rows, cols)."""
-        dose = np.ones(self.written.shape)
-        for at in self.intensity:
-            dose = dose * np.maximum(at(self.written, z_um), 0) ** self.photon_order
-        return dose
+        """Dᴺ of the focus at one level, 1 = nominal, shape (rows, cols)."""
+        return self._product(self.intensity, z_um) ** self.photon_order
+
+    def relative_background(self, z_um: float) -> np.ndarray:
+        """Dᴺ of what reaches the resin itself at one level, 1 = nominal, shape (rows, cols)."""
+        return self._product(self.background, z_um) ** self.photon_order
 
     def relative_threshold(self, z_um: float) -> np.ndarray:
-        """Return the factor on the threshold at one level, shape (rows, cols)."""
-        factor = np.ones(self.written.shape)
-        for at in self.threshold_factor:
-            factor = factor * at(self.written, z_um)
-        return factor
+        """Return the factor on the threshold at one level, shape (rows, cols); background lowers it."""
+        return self._product(self.threshold_factor, z_um) / self.relative_background(z_um)
+
+    def _product(self, factors: tuple[PlaneAt, ...], z_um: float) -> np.ndarray:
+        product = np.ones(self.written.shape)
+        for at in factors:
+            product = product * np.maximum(at(self.written, z_um), 0)
+        return product
 
 
 @dataclass(frozen=True)
@@ -167,7 +175,7 @@ class Crosslinked:
     def converts(self) -> bool:
         """Whether the local dose changes how much cross-linking the exposed resin starts."""
         dose = self.exposed.dose
-        return bool(dose.conversion and dose.intensity)
+        return bool(dose.conversion and (dose.intensity or dose.background))
 
     def source_weight(self, z_um: float) -> np.ndarray:
         """1 + η(Dᴺ − 1): cross-linking started per exposed volume at one level, 1 = nominal, shape (rows, cols).
@@ -175,7 +183,7 @@ class Crosslinked:
         Here the exposed resin stands for what is written, so that D is defined up to its surface.
         """
         dose = replace(self.exposed.dose, written=self.exposed.surface)
-        return 1 + dose.conversion * (dose.relative_dose(z_um) - 1)
+        return 1 + dose.conversion * (dose.relative_dose(z_um) * dose.relative_background(z_um) - 1)
 
 
 class Numerics(Protocol):
