@@ -102,6 +102,26 @@ def test_round_part_keeps_rotation_zero_with_an_open_uncertainty():
     assert found.symmetry == "round"
 
 
+def test_a_smooth_round_part_needs_to_be_known():
+    """A lens of 500 µm radius in a view of a sphere that shows no edge: any hump would do as well."""
+    target = designs.lens(size_um=60.0, margin_um=0.0, pitch_um=0.6, radius_um=500.0)
+    x, y = np.meshgrid(0.6 * (np.arange(160) - 79.5), 0.6 * (np.arange(120) - 59.5))
+    noise = np.random.default_rng(0).normal(0, 0.01, x.shape)
+    seen = HeightMap(3 - (x**2 + y**2) / 1000 + noise, 0.6, 0.6)
+    with pytest.raises(ResultError, match=r"round and smooth.*--known-part"):
+        align(seen, target)
+    found = align(seen, target, known_part=True)
+    assert found.symmetry == "round" and found.pose.rotation_deg == 0
+    assert found.quality["match_log_odds"] < np.log(100)
+    lens = target.heights_um > 2.05
+    off = (found.aligned.heights_um - target.heights_um)[
+        lens
+    ]  # a shift of a sphere is a tilt: the surface is what counts
+    assert np.std(off) < 0.03
+    with pytest.raises(ResultError, match="pixel pitch"):
+        align(designs.air(seed=1, **SMALL), designs.air(seed=2, **SMALL))
+
+
 @pytest.mark.parametrize(
     ("recording", "target"),
     [

@@ -20,6 +20,12 @@ TURNS_DEG = sorted({360.0 * k / n for n in (2, 3, 4, 5, 6, 8) for k in range(n)}
 TURNS = 8
 ODD_TURNS_DEG = (360 / 7, 360 / 11, 360 / 13)  # no regular figure but the round one stands all of them
 CANDIDATE_POINTS = 96
+ALIKE = 0.9  # correlation of two humps
+UNRELATED = "unrelated or featureless maps, or a pixel pitch that is wrong by 10 % and more?"
+ROUND = (
+    "the part is round and smooth: any turn does as well, and any hump is like any other; "
+    "--known-part takes the best pose where you know that it is the part"
+)
 SAME = 1e-3  # share of the target's variance that two equivalent poses may differ by: sampling alone
 
 
@@ -55,13 +61,15 @@ class Choice:
     is_round: bool
 
 
-def choose(recording: Surface, target: Surface) -> Choice:
+def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> Choice:
     """Search all poses, refine the best ones, and take the one that stands out.
 
     Two questions, both by likelihood. Are the maps related: the mean likelihood over every pose tried (a uniform
     prior, so that trying many poses is paid for), times that of the relief beyond the outline, must beat "no relation"
     100 : 1. Which pose: one that shows the relief, and beats every other 100 : 1 (`explained_evidence`), except those
     that the target's own symmetry makes equal; of these the unmirrored one with the smallest rotation is taken.
+
+    ``known_part`` leaves the first question out: the user knows that the recording shows the target.
 
     Raises
     ------
@@ -75,12 +83,13 @@ def choose(recording: Surface, target: Surface) -> Choice:
     best = candidates[0].peak
     log_odds = found.log_odds + candidates[0].relief
     log_odds += max(_independent_evidence(best, found.area_um2) - found.peaks[0].evidence, 0.0)
-    if log_odds < ODDS:
-        odds = f"{np.exp(log_odds):.3g} : 1" if log_odds > 0 else f"1 : {np.exp(-log_odds):.3g}"
+    is_round = all(_equivalent(target, best.pose, pose) for pose in _turned(best.pose, ODD_TURNS_DEG)[:3])
+    if log_odds < ODDS and not known_part:
+        why = ROUND if is_round and best.correlation > ALIKE else UNRELATED
         raise ResultError(
-            f"no reliable match: the best of all poses correlates at {best.correlation:.2f}, odds {odds}",
+            f"no reliable match: the best of all poses correlates at {best.correlation:.2f}, odds {odds(log_odds)}",
             key="match",
-            allowed="needed 100 : 1 (unrelated or featureless maps?)",
+            allowed=f"needed 100 : 1 ({why})",
         )
     peaks = [candidate.peak for candidate in candidates]
     ties = [p for p in peaks if best.evidence - p.evidence < ODDS]
@@ -99,8 +108,12 @@ def choose(recording: Surface, target: Surface) -> Choice:
     ]
     equal = distinct([*ties, *turned], found.pitch_um, 2.0)
     chosen = min(equal, key=lambda p: (p.pose.mirrored, round(abs(p.pose.rotation_deg)), np.hypot(*p.pose.shift_um)))
-    is_round = all(_equivalent(target, best.pose, pose) for pose in _turned(best.pose, ODD_TURNS_DEG)[:3])
     return Choice(chosen, log_odds, lead, [p.pose for p in equal], is_round)
+
+
+def odds(log_odds: float) -> str:
+    """Say odds as 5 : 1 or 1 : 5."""
+    return f"{np.exp(log_odds):.3g} : 1" if log_odds > 0 else f"1 : {np.exp(-log_odds):.3g}"
 
 
 def _turned(pose: Pose, turns_deg: Sequence[float]) -> list[Pose]:

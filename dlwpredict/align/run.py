@@ -57,6 +57,7 @@ def align(
     distortion: str = "auto",
     allow_mirror: bool = False,
     keep_missing: bool = False,
+    known_part: bool = False,
 ) -> Alignment:
     """Find a target in a recording and bring the recording onto the target's grid, levelled.
 
@@ -69,6 +70,8 @@ def align(
         Turn a mirrored recording back instead of refusing it.
     keep_missing : bool
         Leave points that were not measured NaN instead of filling them.
+    known_part : bool
+        Do not ask whether the recording shows the target at all: of a smooth round part no figure can tell.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def align(
     rough = extend(np.where(measured, recording.heights_um, np.nan))
     suspects = suspected_spikes(rough, measured)
     surface = prepared(recording, measured & ~suspects)
-    scene, choice = _choose(surface, target)
+    scene, choice = _choose(surface, target, known_part)
     mirrored = choice.peak.pose.mirrored
     if mirrored and not allow_mirror:
         raise ResultError("the recording is mirrored", key="mirrored", allowed="turned back with --allow-mirror")
@@ -126,12 +129,12 @@ def _check(recording: HeightMap, target: HeightMap) -> None:
             )  # fmt: skip
 
 
-def _choose(surface: Surface, target: HeightMap) -> tuple[_Scene, Choice]:
+def _choose(surface: Surface, target: HeightMap, known_part: bool) -> tuple[_Scene, Choice]:
     """Choose the pose, with and without an empty frame where the part reaches the target's rim.
 
     Where the target ends on substrate, the frame is sure: nothing was written there. Where the part reaches the rim,
     it may be cut out of something larger or stand free: the frame is taken in if the match is better with it, or if the
-    inside alone does not settle the pose.
+    inside alone does not settle the pose. Of a known part that is round, no frame is to settle the turn.
     """
     heights = target.heights_um
     rim = np.concatenate([heights[0], heights[-1], heights[:, 0], heights[:, -1]])
@@ -140,10 +143,10 @@ def _choose(surface: Surface, target: HeightMap) -> tuple[_Scene, Choice]:
     for framed in (True,) if bare else (False, True):
         scene = _Scene.of(target, framed=framed)
         try:
-            results.append((scene, choose(surface, scene.surface)))
+            results.append((scene, choose(surface, scene.surface, known_part=known_part)))
         except ResultError as problem:
             problems.append(problem)
-        if results and len(results[0][1].equivalents) == 1:
+        if results and (len(results[0][1].equivalents) == 1 or (known_part and results[0][1].is_round)):
             return (scene, results[0][1]) if framed else (_framed_if_better(surface, target, scene, results[0][1]))
     if not results:
         raise problems[0]

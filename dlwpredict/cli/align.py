@@ -9,6 +9,7 @@ import typer
 import yaml
 
 from dlwpredict.align import Alignment, align
+from dlwpredict.align.choose import ODDS, odds
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import Output, Overwrite, check_outputs
 from dlwpredict.cli.plotting import Plot, check_plot
@@ -40,6 +41,9 @@ def run(
     keep_missing: Annotated[
         bool, typer.Option("--keep-missing", help="Leave points that were not measured empty (NaN).")
     ] = False,
+    known_part: Annotated[
+        bool, typer.Option("--known-part", help="Take the best pose also where nothing proves that this is the part.")
+    ] = False,
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -51,7 +55,13 @@ def run(
     check_plot(plot)
     maps = read_height_map(recording), read_height_map(target)
     try:
-        found = align(*maps, distortion=distortion, allow_mirror=allow_mirror, keep_missing=keep_missing)
+        found = align(
+            *maps,
+            distortion=distortion,
+            allow_mirror=allow_mirror,
+            keep_missing=keep_missing,
+            known_part=known_part,
+        )
     except InputError as error:
         names = {"target": str(target), "recording": str(recording), "": str(recording)}
         raise type(error)(
@@ -72,6 +82,9 @@ def run(
         warn(f"{target}: {found.symmetry} symmetry: of the equal rotations the smallest was taken")
     if found.symmetry == "round":
         warn(f"{target}: round: the rotation is open and was left at 0")
+    if found.quality["match_log_odds"] < ODDS:
+        said = odds(found.quality["match_log_odds"])
+        warn(f"{recording}: nothing proves that it shows {target} (odds {said}): taken as known (--known-part)")
     if found.aligned.height_reference == "relative":
         warn(f"{output}: no substrate in view, heights are relative")
     say(f"{output}: {_line(found)}")
