@@ -147,12 +147,12 @@ def joined_pairs(arguments: list[str]) -> list[str]:
     """Join the two numbers of ``--pitch-um DX DY``: a parser takes one value or two, not either.
 
     >>> joined_pairs(["in.tif", "--pitch-um", "0.1", "0.2", "out.tif"])
-    ['in.tif', '--pitch-um', '0.1,0.2', 'out.tif']
+    ['in.tif', '--pitch-um', '0.1 0.2', 'out.tif']
     """
     joined: list[str] = []
     for argument in arguments:
         if joined[-2:-1] == ["--pitch-um"] and all(_LENGTH.fullmatch(text) for text in (joined[-1], argument)):
-            joined[-1] += f",{argument}"
+            joined[-1] += f" {argument}"
         else:
             joined.append(argument)
     return joined
@@ -161,11 +161,19 @@ def joined_pairs(arguments: list[str]) -> list[str]:
 def pitch(text: str | None) -> tuple[float, ...] | None:
     """Return the numbers of ``--pitch-um``; the reader checks their size.
 
-    >>> pitch("0.1"), pitch("100nm,0.2"), pitch(None)
+    >>> pitch("0.1"), pitch("100nm 0.2"), pitch(None)
     ((0.1,), (0.1, 0.2), None)
+
+    Raises
+    ------
+    InputError
+        No numbers, or a comma between digits: one pitch in the German manner, or two?
     """
     if text is None:
         return None
+    if re.search(r"\d,\s*[\d.]", text):
+        allowed = "allowed: a decimal point, and a space between two pitches (1.5 or 1 5)"
+        raise InputError(f"found {text}, a comma between digits", key="--pitch-um", allowed=allowed)
     try:
         return tuple(length_um(number) for number in re.split(r"[,\s]+", text.strip()))
     except ValueError:
