@@ -6,8 +6,8 @@ from scipy.special import ndtr, ndtri
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.levels import Levels
-from dlwpredict.model.states import Dose, Focus
+from dlwpredict.model.levels import Levels, _cubic_root
+from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
 from dlwpredict.process import predict
@@ -131,9 +131,10 @@ class TestChain:
         inner = predict(roomy, ParameterSet()).heights_um[30:90, 30:90]
         np.testing.assert_allclose(predict(part, ParameterSet()).heights_um, inner, atol=1e-4)
 
-    def test_slicing_rounds_to_whole_slices(self):
+    @pytest.mark.parametrize(("height_um", "sliced_um"), [(5.2, 5.0), (5.3, 5.5)])
+    def test_slicing_rounds_to_whole_slices(self, height_um, sliced_um):
         sliced = ParameterSet(paper=Paper(shrinkage_min=1, shrinkage_max=1), writing=Writing(slicing_um=0.5))
-        assert predict(block(height_um=5.2), sliced).heights_um[60, 60] == pytest.approx(5.0, abs=1e-4)
+        assert predict(block(height_um=height_um), sliced).heights_um[60, 60] == pytest.approx(sliced_um, abs=1e-4)
 
     def test_structure_maximum_exposes_what_full_dose_does_not(self):
         thin = block(half_um=0.3)
@@ -209,6 +210,12 @@ class TestPixelsThatAreNotSquare:
         found = [np.sqrt(cloud.sum(axis=a) @ u**2) * FWHM_PER_SIGMA for a, u in ((0, x), (1, y))]
         np.testing.assert_allclose(found, expected, rtol=1e-3)
 
+    def test_a_lag_is_a_way_along_y(self):
+        spot = np.zeros((161, 41))
+        spot[80, 20] = 1
+        cloud = Focus(1.0, 1.0, 1.0, 1.0, lag_y_um=1.7).spread(spot, 0.2, 0.5)
+        assert cloud.sum(axis=1) @ (80 - np.arange(161)) * 0.5 == pytest.approx(1.7, abs=1e-3)
+
     def test_both_numerics_agree(self):
         rng = np.random.default_rng(4)
         part = HeightMap(np.pad(np.kron(rng.uniform(2, 5, (4, 4)), np.ones((10, 20))), 10), 0.15, 0.35)
@@ -222,3 +229,20 @@ def test_factors_on_the_threshold_multiply():
     twice, thrice = (lambda written, z, f=f: np.full(written.shape, f) for f in (2.0, 3.0))
     dose = Dose(block(), (Focus(1.0, 0.5, 0.5, 1.5),), Levels(), threshold_factor=(twice, thrice))
     assert (dose.relative_threshold(1.0) == 6.0).all()
+
+
+def test_conversion_follows_the_dose_over_the_exposed_resin():
+    """An effect may ask for the heights written: up to the surface of what was exposed, here half as high again."""
+    dose = Dose(
+        block(), (), Levels(), intensity=(lambda written, z: written.heights_um,), conversion=1.0, photon_order=1.0
+    )
+    surface = block(height_um=9.0)
+    weight = Crosslinked(Exposed(surface, dose), 7.0, 7.0).source_weight(0.0)
+    np.testing.assert_allclose(weight, surface.heights_um)
+
+
+def test_the_root_of_a_cubic_is_found():
+    def cubic(t):
+        return (0.3 - t) * (1 + 0.4 * t + 0.25 * t**2)
+
+    assert _cubic_root(*(np.array([cubic(t)]) for t in (-1.0, 0.0, 1.0, 2.0)))[0] == pytest.approx(0.3, abs=1e-9)
