@@ -44,6 +44,15 @@ def test_a_wrong_pitch_is_named(pair, stated, said):
     assert ("is its pixel pitch right" in done.stderr) is said
 
 
+def test_a_recording_without_a_pitch_is_sent_to_convert(pair):
+    np.savetxt(pair / "recording.txt", np.eye(30))
+    done = CliRunner().invoke(
+        app, ["align", str(pair / "recording.txt"), str(pair / "target.tif"), "-o", str(pair / "a.tif")]
+    )
+    assert done.exit_code == 1
+    assert "recording.txt: pitch: no pitch in the file, allowed with --pitch-um DX [DY] of convert" in done.stderr
+
+
 def test_leaves_map_and_report_and_never_overwrites(pair):
     report = pair / "align.yaml"
     done = run(pair, "--allow-mirror", "--report", str(report))

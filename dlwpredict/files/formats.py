@@ -102,7 +102,7 @@ class Stored:
         """
         pitch = pitch_um or self.pitch_um
         if pitch is None:
-            raise InputError("no pitch in the file", key="pitch", allowed="allowed with --pitch-um DX [DY]")
+            raise InputError("no pitch in the file", key="pitch", allowed="allowed with --pitch-um DX [DY] of convert")
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is infinite, and refused as such
             heights = self._heights(z_scale, z_range_um or self.z_range_um)
         if heights.size and np.isnan(heights).all():
@@ -117,7 +117,7 @@ class Stored:
             factor = um_per(self.z_unit or "um", "z_unit") if z_scale is None else z_scale
             return heights if factor == 1 else heights * factor
         if z_range_um is None:
-            raise InputError("grey levels without a height range", key="range", allowed="allowed with --z-range LO HI")
+            raise InputError("grey levels without a height range", key="range", allowed="allowed with --z-range LO HI of convert")
         low, high = z_range_um
         return (low + heights * ((high - low) / self.top_level)) * (1.0 if z_scale is None else z_scale)
 

@@ -30,7 +30,7 @@ def read_stl(path: Path, pitch_um: Pair | None) -> Stored:
         Neither binary nor ASCII STL, no triangles, or no pitch given.
     """
     if pitch_um is None:
-        raise InputError("an STL has no pixels", key="pitch", allowed="allowed with --pitch-um DX [DY]")
+        raise InputError("an STL has no pixels", key="pitch", allowed="allowed with --pitch-um DX [DY] of convert")
     triangles = halved(read_triangles(path), np.array(pitch_um))
     return Stored(seen_from_above(triangles, *pitch_um), pitch_um=pitch_um)
 
