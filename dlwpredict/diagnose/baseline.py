@@ -18,7 +18,8 @@ from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.process import predict
+from dlwpredict.process import predict, run
+from dlwpredict.smoothing import block_mean
 
 GAIN = 1e-3
 """The descent with free shifts ends when the next step promises less than this share of the cost."""
@@ -111,13 +112,15 @@ def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
 def discretisation_um(recording: Recording, parameters: ParameterSet) -> np.ndarray:
     """Return what the prediction changes on pixels of half the size, µm, shape (rows, cols).
 
-    Two honest discretisations of the same physics differ by this much; it is free in every fit, within its prior.
+    Two honest discretisations of the same physics differ by this much; it is free in every fit, within its prior. The
+    print has no pixels, the recording has: its effects act on the recording's own.
     """
     target = recording.target
     fine = HeightMap(np.kron(target.heights_um, np.ones((2, 2))), target.dx_um / 2, target.dy_um / 2)
-    on_fine = predict(fine, parameters, as_measured=True).heights_um
-    mean = on_fine.reshape(target.shape[0], 2, target.shape[1], 2).mean(axis=(1, 3))
-    return np.nan_to_num(mean - predict(target, parameters, as_measured=True).heights_um)
+    prints = predict(target, parameters).heights_um, block_mean(predict(fine, parameters).heights_um, (2, 2))
+    seen = [effect for effect in parameters.effects if effect.stage == "recording"]
+    coarse, finer = (run(seen, target.with_heights(heights)).heights_um for heights in prints)
+    return np.nan_to_num(finer - coarse)
 
 
 def on_own_pixels(fitted: Fit) -> Fit:
