@@ -17,7 +17,7 @@ from scipy import special
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.parallel import each
-from dlwpredict.smoothing import COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, ndtr, sparse_means
+from dlwpredict.smoothing import BLOCK_PX, COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, ndtr, sparse_means
 
 LEVEL_STEP_SIGMAS = 0.5
 """Distance of exposure levels in axial standard deviations; the surface then errs by 0.1 nm rms, 3 nm beside walls."""
@@ -32,9 +32,12 @@ ABOVE_SIGMAS = 2.5
 LARGEST_FRACTION = 0.95
 """Largest threshold as a fraction of the local dose at which the logit is still smooth in z."""
 
-TILE_PX = 128
+TILE_PX = 168
 STRIP_PX = 16
-"""Rows in which the mean over the columns is read off at once: its modes then stay in the cache."""
+"""Coarse rows worked on at once: their modes then stay in the cache."""
+
+_NEAR = 1e-7
+"""Weights of an interpolation that count: a height's error stays far below a nanometre."""
 
 _ROUNDING = 0.01  # of a level: a flat top may lie on one
 _TINY, _BELOW_ONE = 1e-12, float(np.nextafter(np.float32(1), np.float32(0)))
@@ -76,15 +79,12 @@ class Levels:
             part = heights[outer]
             if part.any():
                 columns = None if layers is None else Columns(layers[outer], part, from_glass=True)
-                exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns)
-                local = threshold if thresholds is None else threshold * thresholds[outer].weights
-                found = _surface_of_tile(exposure, local, step)
-                offset = [s.start - o.start for s, o in zip(inner, outer, strict=True)]
-                rows, cols = surface[inner].shape
-                surface[inner] = found[offset[0] : offset[0] + rows, offset[1] : offset[1] + cols]
+                kept = tuple(slice(s.start - o.start, s.stop - o.start) for s, o in zip(inner, outer, strict=True))
+                exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns, kept)
+                local = threshold if thresholds is None else threshold * thresholds[inner].weights
+                surface[inner] = _surface_of_tile(exposure, local, step)
 
-        corners = [(r, c) for r in range(0, written.shape[0], TILE_PX) for c in range(0, written.shape[1], TILE_PX)]
-        each(solve, corners, self.threads)
+        each(solve, _corners(written.shape, TILE_PX), self.threads)
         return Exposed(written.with_heights(surface), dose)
 
     def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
@@ -104,13 +104,27 @@ class Levels:
         for curve in crosslinked.curves:
             values = curve(np.clip(values, 0, 1))
         mean = _significant(np.tensordot(_to_modes(len(levels)) @ _running_mean(len(levels)), values, axes=1))
-        place = 2 * surface.heights_um / top - 1
+        place, found = 2 * surface.heights_um / top - 1, np.empty(surface.shape)
 
-        def read_off(first: int) -> np.ndarray:
-            strip = slice(first, first + STRIP_PX)
-            return chebyshev.chebval(place[strip], rows[strip] @ mean @ cols.T, tensor=False)
+        def read_off(corner: tuple[int, int]) -> None:
+            tile = tuple(slice(start, start + BLOCK_PX) for start in corner)
+            up_y, up_x = rows[tile[0]], cols[tile[1]]
+            near_y, near_x = _near(up_y), _near(up_x)
+            modes = up_y[:, near_y] @ mean[:, near_y, near_x] @ up_x[:, near_x].T
+            found[tile] = chebyshev.chebval(place[tile], modes, tensor=False)
 
-        return np.concatenate(each(read_off, range(0, len(place), STRIP_PX), self.threads))
+        each(read_off, _corners(surface.shape, BLOCK_PX), self.threads)
+        return found
+
+
+def _corners(shape: tuple[int, int], side_px: int) -> list[tuple[int, int]]:
+    return [(row, col) for row in range(0, shape[0], side_px) for col in range(0, shape[1], side_px)]
+
+
+def _near(up: np.ndarray) -> slice:
+    """Return the points that count in an interpolation (pixels, points)."""
+    used = np.flatnonzero(np.abs(up).max(axis=0) > _NEAR)
+    return slice(used[0], used[-1] + 1)
 
 
 def _reach_px(focus: tuple[Focus, ...], pitch_um: float) -> int:
@@ -131,13 +145,17 @@ def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers
 
 @dataclass(frozen=True, eq=False)
 class _Exposure:
-    """The exposure of a height map (rows, cols): 1 inside a large block at nominal dose, 0 where nothing is written."""
+    """The exposure of a height map: 1 inside a large block at nominal dose, 0 where nothing is written.
+
+    Only the part that is kept is returned: beyond it the map need not be complete.
+    """
 
     focus: tuple[Focus, ...]
     heights_um: np.ndarray
     dx_um: float
     dy_um: float
     columns: Columns | None = None
+    kept: tuple[slice, slice] = (slice(None), slice(None))
 
     def at(self, z_um: float) -> np.ndarray:
         """Return the exposure at one level."""
@@ -159,7 +177,7 @@ class _Exposure:
         return np.maximum(self._spread(lambda part: self.columns.highest) / nominal, _TINY)
 
     def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
-        return sum(part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um) for part in self.focus)
+        return sum(part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um)[self.kept] for part in self.focus)
 
 
 def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: float) -> np.ndarray:
@@ -168,10 +186,10 @@ def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: f
     The threshold is one number, or a stack over the levels j · step, j ≥ 0.
     """
     first, last = _levels_around(exposure, threshold, step)
-    shape = exposure.heights_um.shape
+    shape = exposure.heights_um[exposure.kept].shape
     dose = np.maximum(exposure.highest_dose(), np.max(threshold) / LARGEST_FRACTION)
     dose = np.broadcast_to(dose.astype(np.float32), shape)
-    surface = np.zeros(exposure.heights_um.size)
+    surface = np.zeros(np.prod(shape))
     around: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for k in range(first, last):
         wanted = threshold[np.clip(k, 0, len(threshold) - 1)] if np.ndim(threshold) else np.float32(threshold)
