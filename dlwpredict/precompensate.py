@@ -16,6 +16,9 @@ Prediction = Callable[[HeightMap], HeightMap]
 UNREACHABLE_RESPONSE = 0.2
 """A place is out of reach where full correction steps move the print by less than this share of what is missing."""
 
+LAST = 3
+"""Predictions by which the search is judged to have come to rest."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -69,6 +72,8 @@ class Precompensation:
         rmse and largest error of every prediction, µm, over the footprint.
     damped : int
         How often a step was taken back because the error had grown.
+    largest_unrounded_um : float
+        Largest reachable error before the heights were rounded to slices.
     """
 
     corrected: HeightMap
@@ -78,6 +83,13 @@ class Precompensation:
     predictions: int
     history: list[dict[str, float]] = field(repr=False)
     damped: int = 0
+    largest_unrounded_um: float = 0.0
+
+    @property
+    def still_falling(self) -> bool:
+        """Whether the last `LAST` predictions lowered the rmse by more than a hundredth: more of them may help."""
+        errors = [step["rmse_um"] for step in self.history]
+        return len(errors) <= LAST or min(errors) < 0.99 * min(errors[:-LAST])
 
     def summary(self) -> dict[str, object]:
         """Return the report's figures."""
@@ -93,6 +105,7 @@ class Precompensation:
                 "rmse_um": _rms(self.error_um[reached]),
                 "largest_um": _largest(self.error_um[reached]),
                 "largest_to_initial": _largest(self.error_um[reached]) / self.history[0]["largest_um"],
+                "largest_unrounded_um": self.largest_unrounded_um,
             },
             "unreachable": {
                 "points": int(missed.sum()),
@@ -184,8 +197,26 @@ def precompensate(
     error = best.error if final is best.written else error_of(final)
     return Precompensation(
         target.with_heights(final), target.with_heights(np.where(footprint, h - error, 0.0)), error,
-        reachable, len(history), history, damped,
+        reachable, len(history), history, damped, _largest(best.error[footprint & reachable]),
     )  # fmt: skip
+
+
+def steps_um(target: HeightMap) -> float | None:
+    """Return the height of the steps in which a design comes, µm; None where its heights are continuous.
+
+    Examples
+    --------
+    >>> slope = np.repeat([np.arange(1.0, 3.0, 0.01)], 9, axis=0)
+    >>> steps_um(HeightMap(np.round(slope, 1), 1, 1)), steps_um(HeightMap(slope + 1e-4 * slope**2, 1, 1))
+    (0.1, None)
+    """
+    heights = target.heights_um[target.heights_um > 0]
+    levels = np.unique(np.round(heights, 4))
+    if levels.size < 3 or levels.size > heights.size / 20:
+        return None
+    step = float(np.median(np.diff(levels)))
+    whole = np.abs(levels / step - np.round(levels / step)) * step < 1e-3
+    return round(step, 4) if step >= 0.01 and whole.all() else None
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,23 @@ def test_precompensate_reports_what_it_reached(folder):
     assert read_height_map(folder / "u.tif").shape == read_height_map(folder / "target.tif").shape
 
 
+def test_precompensate_says_why_it_stopped(folder):
+    words = ("precompensate", folder / "target.tif", "-o", folder / "c.tif", "--overwrite")
+    assert "allow more --predictions" in dlw(*words, "--predictions", 2).stderr
+    rounded = dlw(*words, "--slicing-um", 1).stderr
+    assert "rounded to slices of 1 µm" in rounded and "--predictions" not in rounded
+    assert "stopped" not in dlw(*words).stderr
+
+
+def test_a_design_in_steps_is_named(folder):
+    smooth = designs.air(size_um=24, pitch_um=0.2, margin_um=0).heights_um
+    for heights, said in ((np.round(smooth / 0.5) * 0.5, True), (smooth, False)):
+        path = folder / "design.tif"
+        write_height_map(path, HeightMap(heights, 0.2, 0.2))
+        done = dlw("precompensate", path, "-o", folder / "c.tif", "--predictions", 4, "--overwrite")
+        assert ("comes in steps of 0.5 µm" in done.stderr) is said, done.stderr
+
+
 def target_with(folder, heights):
     write_height_map(folder / "odd.tif", HeightMap(heights, 0.5, 0.5))
     return folder / "odd.tif"

@@ -45,6 +45,24 @@ def test_chain_is_inverted_within_ten_predictions(relief, memory):
     np.testing.assert_allclose(print_of_it, found.predicted.heights_um, atol=1e-6)
 
 
+def test_the_search_knows_when_it_has_come_to_rest(relief):
+    """A print that answers, but for every second column: their error stays, however many predictions are spent."""
+
+    def deaf(written):
+        heights = 0.8 * written.heights_um
+        heights[:, ::2] = np.minimum(heights[:, ::2], 4.0)
+        return written.with_heights(heights)
+
+    assert precompensate(relief, deaf, most_predictions=2).still_falling
+    assert not precompensate(relief, deaf, most_predictions=12, tolerance=1e-9).still_falling
+
+
+def test_rounding_is_told_from_what_the_search_leaves(relief):
+    found = precompensate(relief, scaled(0.8), limits=Limits(slicing_um=0.5))
+    assert found.largest_unrounded_um < 0.02
+    assert found.summary()["reachable"]["largest_um"] == pytest.approx(0.2, abs=0.02)  # half a slice, 0.8 times
+
+
 def test_swinging_print_is_damped(relief):
     """A print that overshoots by a factor of three drives the plain loop apart."""
     found = precompensate(relief, scaled(3.0), memory=0)

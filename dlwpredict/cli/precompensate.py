@@ -22,12 +22,19 @@ from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.precompensate import Limits, Precompensation, precompensate
+from dlwpredict.precompensate import LAST, Limits, Precompensation, precompensate, steps_um
 from dlwpredict.process import predict
 
 COMMAND = "precompensate"
 STREAMS = {"report": ".yaml"}
 FIGURES = True
+
+
+STEPPED = 0.9
+"""Share of the part in reach below which a design in steps is named."""
+
+LARGE = 0.05
+"""Share of the first error above which what is left within reach is worth a warning."""
 
 
 class Loop(StrEnum):
@@ -127,8 +134,21 @@ def run(
         say(
             f"out of reach: {missed['points']} points at walls or finer than the focus, rmse {missed['rmse_um']:.3f} µm"
         )
-    if reached["largest_to_initial"] > 0.05:
-        warn(f"stopped at {100 * reached['largest_to_initial']:.0f} % of the first error; allow more --predictions")
+    if reached["fraction"] < STEPPED and (step := steps_um(part)):
+        warn(
+            f"{target}: the design comes in steps of {step:g} µm, each a wall out of reach: smooth it if none is meant"
+        )
+    if reached["largest_to_initial"] > LARGE:
+        warn(f"stopped at {100 * reached['largest_to_initial']:.0f} % of the first error: {why(found, limits)}")
+
+
+def why(found: Precompensation, limits: Limits) -> str:
+    """Say what leaves an error where the target is within reach."""
+    if found.largest_unrounded_um <= LARGE * found.history[0]["largest_um"]:
+        return f"heights are rounded to slices of {limits.slicing_um:g} µm (--slicing-um)"
+    if found.still_falling:
+        return "allow more --predictions"
+    return f"the last {LAST} of {found.predictions} predictions gained nothing, more will not"
 
 
 def show_both(
