@@ -117,7 +117,8 @@ class Stored:
             factor = um_per(self.z_unit or "um", "z_unit") if z_scale is None else z_scale
             return heights if factor == 1 else heights * factor
         if z_range_um is None:
-            raise InputError("grey levels without a height range", key="range", allowed="allowed with --z-range LO HI of convert")
+            allowed = "allowed with --z-range LO HI of convert"
+            raise InputError("grey levels without a height range", key="range", allowed=allowed)
         low, high = z_range_um
         return (low + heights * ((high - low) / self.top_level)) * (1.0 if z_scale is None else z_scale)
 
