@@ -98,7 +98,7 @@ def _intervals(axes: Axes, results: Sequence[Mapping]) -> None:
         ends = [(one[end] - one["off"]) / (one["true"] - one["off"]) for end in ("low", "value", "high")]
         colour = RIGHT if one["covered"] else WRONG
         axes.plot([place] * 2, np.clip([ends[0], ends[2]], -1, 3), color=colour, lw=1)
-        axes.plot(place, np.clip(ends[1], -1, 3), "o" if one["model"] == "literal" else "s", color=colour, ms=3)
+        axes.plot(place, np.clip(ends[1], -1, 3), "o" if one["model"] == "library" else "s", color=colour, ms=3)
     axes.axhline(1, color="0.5", lw=0.8)
     axes.set(xlabel="effects named rightly, weakest first (squares: longer physics)", ylabel="found / true strength")
     axes.set(ylim=(-1.05, 3.05), title="95 % intervals of strengths (cut at -1 and 3)")

@@ -20,6 +20,9 @@ CENTRE_UM, SHAPE = 8.0, 1.7
 """Centres of fields are drawn from ± this; lengths from their default divided and multiplied by this factor."""
 
 
+LIBRARY_FORM = {"galvo-lag": "time"}
+"""The press's model that is the library's formula, where it is not the one called literal."""
+
 SET_APART = ("conversion", "max_angle_deg")
 """η belongs to the resin, dropouts to the microscope."""
 

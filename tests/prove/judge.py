@@ -15,7 +15,7 @@ from dlwpredict.files.provenance import sha256
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from tests.bench.cases import NEVER, SIDES, alike
 from tests.prove.baselines import Bench, unseen_smooth_um, unseen_um
-from tests.prove.hidden import LOCAL, OUTSIDE
+from tests.prove.hidden import LIBRARY_FORM, LOCAL, OUTSIDE
 from tests.prove.linear import parameters_of
 from tests.prove.sealed import Folder, read
 from tests.prove.structures import PITCH_UM, PIXELS
@@ -148,12 +148,18 @@ def _intervals(effect: Mapping, findings: list) -> list[dict]:
                 true = effect["entry"][key]
                 found.append({
                     "parameter": f"{effect['name']}.{key}", "switch": key == effect["switch"],
-                    "model": effect["entry"].get("model", "literal"), "alone": len(finding["effects"]) == 1,
+                    "model": _form(effect["entry"]), "alone": len(finding["effects"]) == 1,
                     "times": effect["times"], "true": true, "off": effect["off"] if key == effect["switch"] else 0.0,
                     **{end: interval[end] for end in ("value", "low", "high")},
                     "covered": interval["low"] <= true <= interval["high"],
                 })  # fmt: skip
     return found
+
+
+def _form(entry: Mapping) -> str:
+    """Return the press's model, `library` where it is the library's own formula."""
+    model = entry.get("model", "literal")
+    return "library" if model == LIBRARY_FORM.get(entry["name"], "literal") else model
 
 
 def _seven(process: Mapping, told: Mapping) -> dict:

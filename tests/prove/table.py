@@ -151,9 +151,9 @@ def _sizes(singles: list) -> list[Row]:
 
     return [
         line("95 % intervals cover the truth, library's form", "90 to 98 %",
-             lambda one: one["model"] == "literal", lambda one: one["covered"], "share"),
+             lambda one: one["model"] == "library", lambda one: one["covered"], "share"),
         line("... longer physics of the press", ">= 85 %",
-             lambda one: one["model"] != "literal", lambda one: one["covered"], "share"),
+             lambda one: one["model"] != "library", lambda one: one["covered"], "share"),
         line("relative error of the strength, median", "within 10 %",
              lambda one: one["switch"] and one["true"] != one["off"], bias, "median"),
     ]  # fmt: skip
