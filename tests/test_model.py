@@ -6,6 +6,7 @@ from scipy.special import ndtr, ndtri
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.levels import Levels, _cubic_root
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.model.voxels import Voxels
@@ -77,6 +78,11 @@ class TestChain:
         dose = Dose(part, (Focus(1.0, 0.5, 0.5, 1.5),), Levels())
         exposed = Levels().exposed(dose, p, "full_dose").surface.heights_um
         assert exposed[60, 60] == pytest.approx(8.0 - 1.5 / FWHM_PER_SIGMA * ndtri(p), abs=2e-5)
+
+    def test_a_plate_whose_exposure_ends_below_the_glass_is_not_printed(self):
+        """Exposure would end at h − s_z·Φ⁻¹(P) = −0.1 µm, and nothing polymerises inside the glass."""
+        height = 1.5 / FWHM_PER_SIGMA * ndtri(0.9) - 0.1
+        assert predict(block(height_um=height), with_paper(threshold=0.9)).heights_um.max() == 0
 
     def test_equal_kappas_scale_the_exposed_height(self):
         part = block(height_um=5.0)
@@ -225,10 +231,13 @@ class TestPixelsThatAreNotSquare:
         assert np.sqrt(np.mean((fast - voxel)[fast > 0] ** 2)) < 0.02
 
 
-def test_factors_on_the_threshold_multiply():
+def test_factors_of_one_kind_multiply_and_dose_is_a_power_of_intensity():
     twice, thrice = (lambda written, z, f=f: np.full(written.shape, f) for f in (2.0, 3.0))
-    dose = Dose(block(), (Focus(1.0, 0.5, 0.5, 1.5),), Levels(), threshold_factor=(twice, thrice))
-    assert (dose.relative_threshold(1.0) == 6.0).all()
+    focus = (Focus(1.0, 0.5, 0.5, 1.5),)
+    assert (Dose(block(), focus, Levels(), threshold_factor=(twice, thrice)).relative_threshold(1.0) == 6.0).all()
+    dose = Dose(block(), focus, Levels(), intensity=(twice, thrice), background=(twice,), photon_order=3.0)
+    assert (dose.relative_dose(1.0) == 216.0).all() and (dose.relative_background(1.0) == 8.0).all()
+    assert (dose.relative_threshold(1.0) == 1 / 8).all()
 
 
 def test_conversion_follows_the_dose_over_the_exposed_resin():
@@ -246,3 +255,27 @@ def test_the_root_of_a_cubic_is_found():
         return (0.3 - t) * (1 + 0.4 * t + 0.25 * t**2)
 
     assert _cubic_root(*(np.array([cubic(t)]) for t in (-1.0, 0.0, 1.0, 2.0)))[0] == pytest.approx(0.3, abs=1e-9)
+
+
+class TestLayers:
+    """A weight that changes along z, over one column and over none."""
+
+    @staticmethod
+    def column(weight_at, height_um, *, from_glass=True) -> Columns:
+        layers = Layers.of(lambda z: np.full((1, 2), weight_at(z)), 2.0, 0.05, 1)
+        return Columns(layers, np.array([[height_um, 0.0]]), from_glass=from_glass)
+
+    @pytest.mark.parametrize("from_glass", [True, False])
+    @pytest.mark.parametrize("z_um", [-0.2, 0.5, 1.2])
+    def test_the_convolution_is_the_integral(self, z_um, from_glass):
+        height, sigma = 1.13, 0.3
+        found = self.column(lambda z: 1 + 0.4 * z, height, from_glass=from_glass).convolved(z_um, sigma)
+        z = np.linspace(-4 if from_glass else 0, height, 40001)
+        density = np.exp(-(((z - z_um) / sigma) ** 2) / 2) / sigma / np.sqrt(2 * np.pi)
+        assert found[0, 0] == pytest.approx(np.trapezoid((1 + 0.4 * np.maximum(z, 0)) * density, z), abs=2e-4)
+        assert found[0, 1] == 0
+
+    def test_the_highest_weight_may_lie_deep_in_the_column(self):
+        highest = self.column(lambda z: 3.0 if 0.39 < z < 0.41 else 1.0, 1.13).highest
+        np.testing.assert_array_equal(highest, [[3.0, 0.0]])
+        assert self.column(lambda z: 3.0 if z > 1.5 else 1.0, 1.13).highest[0, 0] == 1.0

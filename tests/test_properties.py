@@ -2,7 +2,8 @@
 
 `TOGETHER`: cross-linking is computed on pixels taken together from the map's first one on, and its largest value is
 sought on that grid. Where a turned or moved map is cut into other groups, up to this share of what cross-linking adds
-to the height may change (0.42 % was the most in 800 draws). `LEVELS_UM`: what the levels in z leave, µm.
+to the height may change (0.42 % was the most in 800 draws). `LEVELS_UM`: what the levels in z leave, µm. `SINGLE_UM`:
+exposure is computed in single precision (7e-6 µm was the most in 150 draws).
 """
 
 from dataclasses import replace
@@ -23,7 +24,7 @@ from dlwpredict.tiling.large import Large, canvas_of
 from dlwpredict.tiling.reach import coarse_px
 from tests.strategies import MONOTONE, between, processes, targets
 
-TOGETHER, LEVELS_UM, EXACT_UM = 6e-3, 1e-3, 1e-9
+TOGETHER, LEVELS_UM, SINGLE_UM, EXACT_UM = 6e-3, 1e-3, 5e-5, 1e-9
 ONE = Levels(threads=1)
 
 properties = settings(max_examples=40, deadline=None, derandomize=True)
@@ -41,14 +42,14 @@ def taken_together(target: HeightMap, process: ParameterSet) -> tuple[int, int]:
 def together_um(heights_um: np.ndarray, process: ParameterSet) -> float:
     """Return `TOGETHER` of what cross-linking may add to these printed heights, µm."""
     paper = process.paper
-    return TOGETHER * (1 - paper.shrinkage_min / paper.shrinkage_max) * heights_um.max() + EXACT_UM
+    return TOGETHER * (1 - paper.shrinkage_min / paper.shrinkage_max) * heights_um.max() + SINGLE_UM
 
 
 def assert_turned(found: np.ndarray, expected: np.ndarray, target: HeightMap, process: ParameterSet) -> None:
-    """Compare exactly where the groups of pixels are the same after a turn or mirror."""
+    """Compare to rounding where the groups of pixels are the same after a turn or mirror."""
     padded = [n + 2 * r for n, r in zip(target.shape, room_px(target, process), strict=True)]
     whole = all(n % m == 0 for n, m in zip(padded, taken_together(target, process), strict=True))
-    tolerance = EXACT_UM if whole else together_um(expected, process)
+    tolerance = SINGLE_UM if whole else together_um(expected, process)
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
 
 
