@@ -1,8 +1,11 @@
 """What calibration says of its certainty, where it can be derived on paper."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from dlwpredict.calibrate.descend import _secant, normal_root
 from dlwpredict.calibrate.holdout import _grown, hold_out
 from dlwpredict.calibrate.intervals import Information, _given_back, linear_interval, open_directions, sandwich
 from dlwpredict.calibrate.problem import Point, Problem
@@ -140,3 +143,18 @@ def test_finite_differences_are_derivatives(name):
     above, below = (problem.at(free.start + sign * step).traces[0].heights_um.ravel() for sign in (1, -1))
     expected = (above - below) / (2 * step)
     assert np.sqrt(np.mean((found - expected) ** 2)) < 0.1 * np.sqrt(np.mean(expected**2))
+
+
+class TestDescent:
+    def test_the_root_is_that_of_weighted_least_squares(self):
+        rng = np.random.default_rng(0)
+        jacobian, residual, weights = rng.normal(size=(60, 3)), rng.normal(size=60), rng.uniform(0.1, 1, 60)
+        root, right = normal_root([jacobian], place(residual, weights))
+        np.testing.assert_allclose(root.T @ root, jacobian.T @ (weights[:, None] * jacobian), atol=1e-12)
+        np.testing.assert_allclose(root.T @ right, jacobian.T @ (weights * residual), atol=1e-12)
+
+    def test_an_updated_jacobian_explains_the_last_step(self):
+        rng = np.random.default_rng(1)
+        old, new = (replace(place(rng.normal(size=60)), vector=np.array([value])) for value in (0.9, 1.0))
+        (found,) = _secant(FREE, [rng.normal(size=(60, 1))], old, new)
+        np.testing.assert_allclose(found @ (new.vector - old.vector), old.residuals[0] - new.residuals[0], atol=1e-12)

@@ -56,6 +56,13 @@ class TestSmoothing:
         assert taps @ n**2 == pytest.approx(sigma**2, rel=2e-5)
         assert (taps >= 0).all()
 
+    def test_a_width_is_the_whole_one_at_half_the_height(self):
+        spot = np.zeros((61, 61))
+        spot[30, 30] = 1
+        cloud = Focus(1.0, 10.0, 16.0, 1.0).spread(spot, 1.0, 1.0)
+        assert cloud[30, 35] / cloud[30, 30] == pytest.approx(0.5, rel=1e-6)
+        assert cloud[38, 30] / cloud[30, 30] == pytest.approx(0.5, rel=1e-6)
+
     def test_turned_gaussian_agrees_with_axis_parallel_one(self):
         plane = np.random.default_rng(1).normal(size=(40, 50))
         np.testing.assert_allclose(blur_turned(plane, np.diag([4.0, 9.0])), blur(plane, 3, 2), atol=1e-5)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from dlwpredict.noise import Noise, estimate, matern, scatter
+from dlwpredict.noise import SMOOTHNESSES, Noise, estimate, matern, scatter
+from dlwpredict.whitening import Neighbourhood
 
 MODEL = Noise(white_um=0.005, correlated_um=0.02, length_um=1.5, dx_um=0.4, dy_um=0.5)
 
@@ -102,3 +103,30 @@ def test_draws_have_the_models_covariance():
     assert draws.std() == pytest.approx(MODEL.sigma_um, rel=0.03)
     beside = np.mean(draws[:, 5, 5] * draws[:, 5, 8])
     assert beside == pytest.approx(MODEL.correlated_um**2 * matern(np.array(1.2), 1.5), rel=0.12)
+
+
+@pytest.mark.parametrize("smoothness", SMOOTHNESSES)
+def test_distances_are_um_along_rows_and_columns(smoothness):
+    covariance = Noise(0.3, 0.5, 1.2, 0.4, 0.7, smoothness).covariance((9, 8))
+    assert covariance[0, 0] == pytest.approx(0.3**2 + 0.5**2)
+    for row, col, distance in ((1, 0, 0.7), (0, 1, 0.4), (2, 0, 1.4), (8, 7, np.hypot(0.7, 0.4))):
+        assert covariance[row, col] == pytest.approx(0.25 * matern(distance, 1.2, smoothness))
+
+
+def test_matern_correlations_are_the_textbooks():
+    """Rasmussen & Williams, Gaussian Processes, 2006, Eq. 4.17."""
+    t = 0.8
+    assert matern(0.8, 1.0, 0.5) == pytest.approx(np.exp(-t))
+    assert matern(0.8, 1.0, 1.5) == pytest.approx((1 + 3**0.5 * t) * np.exp(-(3**0.5) * t))
+    assert matern(0.8, 1.0, 2.5) == pytest.approx((1 + 5**0.5 * t + 5 / 3 * t**2) * np.exp(-(5**0.5) * t))
+    assert matern(0.8, 1.0, np.inf) == pytest.approx(np.exp(-(t**2) / 2))
+
+
+@pytest.mark.parametrize(("shape", "distance"), [((2, 1), 0.7), ((1, 2), 0.4)])
+def test_a_neighbour_is_as_far_as_the_pitch_along_its_axis(shape, distance):
+    """Given its only neighbour, a point has the mean b·ε with b = C(d)/C(0), and the variance C(0) − b·C(d)."""
+    noise = Noise(0.1, 0.5, 1.2, 0.4, 0.7)
+    beside = 0.25 * matern(distance, 1.2)
+    coefficients, variances = Neighbourhood.of(np.ones(shape, bool), 0.4, 0.7).rows(noise)
+    assert np.abs(coefficients).sum(axis=1) == pytest.approx([0, beside / 0.26])
+    assert variances == pytest.approx([0.26, 0.26 - beside**2 / 0.26])

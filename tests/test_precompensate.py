@@ -104,3 +104,16 @@ def test_footprint_slices_and_maximum_are_kept(relief):
 def test_target_above_the_maximum_is_refused(relief):
     with pytest.raises(InputError, match="maximum"):
         precompensate(relief, scaled(1.0), limits=Limits(maximum_um=1.0))
+
+
+class TestLimits:
+    footprint = np.array([[True, True, False, True]])
+
+    def test_heights_are_whole_slices_at_least_one_and_none_above_the_maximum(self):
+        written = np.array([[0.05, 0.31, 0.0, 0.55]])
+        sliced = Limits(maximum_um=0.55, slicing_um=0.2).sliced(written, self.footprint)
+        np.testing.assert_allclose(sliced, [[0.2, 0.4, 0.0, 0.4]])
+
+    def test_something_stays_wherever_the_target_has_something(self):
+        clipped = Limits(maximum_um=2.0).clip(np.array([[-1.0, 1.0, 1.0, 9.0]]), self.footprint, np.full((1, 4), 1.5))
+        np.testing.assert_allclose(clipped, [[0.03, 1.0, 0.0, 2.0]])
