@@ -12,7 +12,7 @@
 #   results/PART/               target.tif, corrected.tif and corrected.stl, of every target, recorded or not
 #   results/report.html         all of it on one page
 #
-# `make` redoes what depends on a changed file and nothing else; `make -j2` does two things at a time; `make -n` says what
+# `make` redoes what depends on a changed file or setting and nothing else; `make -j2` does two things at a time; `make -n` says what
 # would be done. Names hold no spaces, and their first dot starts the ending.
 
 -include settings.mk
@@ -56,6 +56,11 @@ $(foreach n,$(PARTS),$(if $(word 2,$(call found,targets,$(n))),$(error targets: 
 $(foreach n,$(NAMES),$(if $(word 2,$(call found,recordings,$(n))),$(error recordings: $(n) stands there twice)))
 $(foreach n,$(NAMES),$(if $(filter $(call part,$(n)),$(PARTS)),,$(error recordings: $(n) has no target $(call part,$(n)) in targets)))
 
+# The options of a step stand in a file that changes only when they do: $(call noted,STEP-NAME,OPTIONS) is that file.
+quoted = '$(subst ','\'',$(strip $(1)))'
+note = mkdir -p $(dir $(1)) && { printf '%s\n' $(call quoted,$(2)) | cmp -s - $(1) || printf '%s\n' $(call quoted,$(2)) > $(1); }
+noted = $(shell $(call note,results/.options/$(1),$(2)))results/.options/$(1)
+
 # What a recording shows: the map that was written, or the target.
 design = results/$(if $(call found,written,$(1)),$(1)/written,$(call part,$(1))/target).tif
 
@@ -69,27 +74,28 @@ clean:
 
 # $(1) = PART
 define rules_of_part
-results/$(1)/target.tif: $(call found,targets,$(1))
+results/$(1)/target.tif: $(call found,targets,$(1)) $(call noted,target-$(1),$(CONVERT_TARGET) $(CONVERT_TARGET_$(1)))
 	@mkdir -p $$(@D)
 	$$(DLW) convert $$< $$@ $$(CONVERT_TARGET) $$(CONVERT_TARGET_$(1)) --overwrite
 
-results/$(1)/corrected.tif: results/$(1)/target.tif results/process.yaml
+results/$(1)/corrected.tif: results/$(1)/target.tif results/process.yaml $(call noted,correct-$(1),$(CORRECT) $(CORRECT_$(1)))
 	$$(DLW) precompensate $$< -p results/process.yaml -o $$@ --report $$(@D)/precompensation.yaml \
 	  $$(CORRECT) $$(CORRECT_$(1)) --overwrite
 
-results/$(1)/corrected.stl: results/$(1)/corrected.tif
+results/$(1)/corrected.stl: results/$(1)/corrected.tif $(call noted,export-$(1),$(EXPORT) $(EXPORT_$(1)))
 	$$(DLW) export-stl $$< -o $$@ $$(EXPORT) $$(EXPORT_$(1)) --overwrite
 endef
 $(foreach p,$(PARTS),$(eval $(call rules_of_part,$(p))))
 
 # $(1) = PART or PART--NOTE; it is aligned to the target, and compared with the prediction of what was written
 define rules_of_recording
-results/$(1)/recording.tif: $(call found,recordings,$(1))
+results/$(1)/recording.tif: $(call found,recordings,$(1)) $(call noted,recording-$(1),$(CONVERT) $(CONVERT_$(1)))
 	@mkdir -p $$(@D)
 	$$(DLW) convert $$< $$@ $$(CONVERT) $$(CONVERT_$(1)) --overwrite
 
-results/$(1)/aligned.tif: results/$(1)/recording.tif results/$(call part,$(1))/target.tif
-	$$(DLW) align $$^ -o $$@ --report $$(@D)/align.yaml $$(ALIGN) $$(ALIGN_$(1)) --overwrite
+results/$(1)/aligned.tif: results/$(1)/recording.tif results/$(call part,$(1))/target.tif \
+  $(call noted,align-$(1),$(ALIGN) $(ALIGN_$(1)))
+	$$(DLW) align $$(filter %.tif,$$^) -o $$@ --report $$(@D)/align.yaml $$(ALIGN) $$(ALIGN_$(1)) --overwrite
 
 results/$(1)/predicted.tif: $(call design,$(1)) results/process.yaml
 	$$(DLW) predict $$< -p results/process.yaml -o $$@ --overwrite
@@ -107,8 +113,9 @@ results/$(1)/written.tif: $(call found,written,$(1))
 endef
 $(foreach n,$(NAMES),$(if $(call found,written,$(n)),$(eval $(call rule_of_written,$(n)))))
 
-results/process.yaml: $(START) $(foreach n,$(LEARNT),$(call design,$(n)) results/$(n)/aligned.tif)
-	$(DLW) calibrate $(foreach n,$(LEARNT),--pair $(call design,$(n)) results/$(n)/aligned.tif) \
+PAIRS := $(foreach n,$(LEARNT),--pair $(call design,$(n)) results/$(n)/aligned.tif)
+results/process.yaml: $(START) $(filter-out --pair,$(PAIRS)) $(call noted,calibrate,$(PAIRS) $(START) $(CALIBRATE))
+	$(DLW) calibrate $(PAIRS) \
 	  $(if $(START),-p $(START)) -o $@ --report results/calibration.yaml $(CALIBRATE) --overwrite
 
 results/report.html: $(foreach n,$(NAMES),results/$(n)/score.json) $(foreach p,$(PARTS),results/$(p)/corrected.stl)

@@ -31,7 +31,7 @@ def part(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "pitch", [["--pitch-um", "0.2"], ["--pitch-um", "0.2", "0.4"], ["--pitch-um", "0.2,0.4"], ["--pitch-um=0.2 0.4"]]
+    "pitch", [["--pitch-um", "0.2"], ["--pitch-um", "0.2", "0.4"], ["--pitch-um", "0.2 0.4"], ["--pitch-um=0.2 0.4"]]
 )
 def test_one_pitch_or_two_wherever_the_option_stands(tmp_path, part, pitch):
     both = 0.4 if pitch != ["--pitch-um", "0.2"] else 0.2

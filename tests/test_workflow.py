@@ -175,3 +175,27 @@ def test_a_wrong_folder_is_said(tmp_path, files, words):
 def test_the_projects_own_makefile_leaves_it_out():
     result = subprocess.run(["make", "-n", "help"], cwd=ROOT, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.slow
+def test_a_setting_that_changed_redoes_its_step_and_what_follows(made):
+    assert steps(made) == set()
+    everything = {"results/new/target.tif", "results/air/target.tif", "results/cin/target.tif"}
+    settings = made / "settings.mk"
+    before = settings.read_text()
+    try:
+        settings.write_text(before + "EXPORT_new = --max-error-um 0.02\n")
+        assert steps(made) - REPORT == {("export-stl", "results/new/corrected.tif")}
+        settings.write_text(before + "CORRECT = --predictions 12\n")
+        found = steps(made) - REPORT
+        assert {file for command, file in found if command == "precompensate"} == everything
+        assert {command for command, _ in found} == {"precompensate", "export-stl"}
+        settings.write_text(before + "ALIGN_cin = --distortion affine\n")
+        assert {file for command, file in steps(made) if command == "align"} == {"results/cin/recording.tif"}
+        assert "calibrate" not in {command for command, _ in steps(made)}  # cin is held out
+        settings.write_text(before.replace("HOLD_OUT = cin", ""))
+        assert ("calibrate", "--pair") in steps(made)
+    finally:
+        settings.write_text(before)
+        assert make(made, "-t").returncode == 0  # the options are noted as they were, newer than what they made
+    assert steps(made) == set()
