@@ -3,6 +3,7 @@
 import inspect
 import os
 import typing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dlwpredict import designs
+from dlwpredict.batch.chain import perform
 from dlwpredict.batch.manifest import read_manifest
 from dlwpredict.batch.workers import work
 from dlwpredict.cli import batch
@@ -89,6 +91,38 @@ def test_changed_inputs_are_refused_until_overwriting_is_allowed(folder):
     assert stamps(folder) == before
     assert batch_of(folder, "--overwrite").exit_code == 0
     assert {name[0] for name, when in stamps(folder).items() if when != before[name]} == {"b"}
+
+
+def test_what_a_failed_overwriting_leaves_is_not_replaced_unasked(folder):
+    assert batch_of(folder).exit_code == 0
+    before = stamps(folder)
+    good = (folder / "targets/b.tif").read_bytes()
+    write_height_map(folder / "targets/b.tif", HeightMap(np.zeros((9, 9)), 0.5, 0.5))
+    assert "b: predict: targets/b.tif: heights: nothing written" in batch_of(folder, "--overwrite").output
+    assert stamps(folder) == before
+    (folder / "targets/b.tif").write_bytes(good)
+    assert "3 finished before" in batch_of(folder).output  # the result is that of these inputs after all
+    write_parameters(folder / "process.yaml", ParameterSet(paper=Paper(shrinkage_min=0.6)))
+    refused = batch_of(folder)
+    assert refused.exit_code == 1 and "b: predict: predicted/b.tif: output: has changed inputs" in refused.output
+    assert stamps(folder) == before
+
+
+def test_an_older_result_outlives_a_killed_overwriting(folder):
+    assert batch_of(folder).exit_code == 0
+    chain = batch.chains_of(folder / "m.yaml", folder, overwrite=True)[1]
+    write_height_map(folder / "targets/b.tif", part(7))
+
+    def killed(words, place):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        perform(replace(chain, program=killed))
+    before = stamps(folder)
+    refused = batch_of(folder)
+    assert "b: predict: predicted/b.tif: output: exists already, allowed with --overwrite" in refused.output
+    assert stamps(folder) == before
+    assert batch_of(folder, "--overwrite").exit_code == 0
 
 
 def test_a_process_that_changed_touches_all(folder):

@@ -89,7 +89,8 @@ def perform(chain: Chain) -> list[Step]:
 def _step(chain: Chain, command: Command) -> Step:
     """Run one command unless its outputs are there, made by it from the same inputs.
 
-    The record is written twice: before, so that what a killed run leaves is known to be ours, and after.
+    The record is written twice: before, so that what a killed run leaves is known to be ours, and after. What stood
+    there before a run that was killed or failed is an older result: it is not replaced without being asked to.
     """
     folder, name = chain.folder, command.words[0]
     place = record_path(folder, command.outputs)
@@ -97,20 +98,28 @@ def _step(chain: Chain, command: Command) -> Step:
     present = hashes(folder, command.outputs)
     if before and before.made_from(command.words, inputs) and before.outputs == present:
         return Step(name, "finished before", before.warnings)
+    older = present if before is None or before.outputs else _kept(before.standing, present)
     if not command.overwrite:
         for path, found in present.items():
-            if before is None or before.outputs.get(path, found) != found:
+            if before is None or before.outputs.get(path, found) != found or (not before.outputs and path in older):
                 return Step(name, "failed", (f"{path}: output: exists already, allowed with --overwrite",))
         if before and before.outputs and present:
             why = "has changed inputs" if before.words == command.words else "was made by another command"
             return Step(name, "failed", (f"{next(iter(present))}: output: {why}, allowed with --overwrite",))
     for output in command.outputs:
         (folder / output).parent.mkdir(parents=True, exist_ok=True)
-    write_record(place, Record(command.words, inputs, {}))
+    write_record(place, Record(command.words, inputs, {}, standing=older))
     start = time.perf_counter()
     said = chain.program((*command.words, *command.quicker, "--overwrite"), folder)
     seconds = time.perf_counter() - start
     if said.code:
+        if before and before.outputs and hashes(folder, command.outputs) == present:
+            write_record(place, before)  # nothing was touched: what is there is still what it was
         return Step(name, "failed", (said.error,), seconds)
     write_record(place, Record(command.words, inputs, hashes(folder, command.outputs), said.warnings))
     return Step(name, "done", said.warnings, seconds)
+
+
+def _kept(standing: dict[str, str], present: dict[str, str]) -> dict[str, str]:
+    """Return the files that are still as they stood."""
+    return {path: found for path, found in present.items() if standing.get(path) == found}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import dlwpredict
@@ -29,6 +29,8 @@ class Record:
         What the command warned of.
     version : str
         Of this program.
+    standing : dict
+        Where the command has not finished: the outputs that stood there before it began, SHA-256 by path.
     """
 
     words: tuple[str, ...]
@@ -36,6 +38,7 @@ class Record:
     outputs: dict[str, str]
     warnings: tuple[str, ...] = ()
     version: str = dlwpredict.__version__
+    standing: dict[str, str] = field(default_factory=dict)
 
     def made_from(self, words: Sequence[str], inputs: dict[str, str]) -> bool:
         """Tell whether this very command has finished on these inputs."""
