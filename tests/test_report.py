@@ -22,6 +22,7 @@ from dlwpredict.files.provenance import note_input, origin, running
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.pages.relief import relief
 from dlwpredict.pages.report import changed_inputs, figures, page
+from dlwpredict.pages.report_pictures import pictures
 from dlwpredict.pages.run_folder import read_run
 from dlwpredict.pages.words import length as words_of
 from dlwpredict.parameters import ParameterSet
@@ -237,7 +238,54 @@ def test_a_score_alone_is_shown_as_it_stands(tmp_path):
     (folder / "score.json").write_text(json.dumps(values))
     text, _ = text_of(folder)
     assert f"{values['rmse_um']:.3f}" in text
-    assert "as in score.json" in text
+    assert "as stated" in text and "not stated" in text
+
+
+def test_comparisons_and_diagnoses_are_counted_once_and_named(tmp_path):
+    folder = put(tmp_path / "lab", target=TARGET, aligned=printed())
+    for name in ("score0", "score1"):
+        words = [str(folder / f"{one}.tif") for one in ("target", "aligned")]
+        assert CliRunner().invoke(app, ["score", *words, "--json", str(folder / f"{name}.json")]).exit_code == 0
+    stated = {"command": "dlwpredict diagnose -o d.yaml --json d.json"}
+    put(folder, d=invented(provenance=stated), e=invented(provenance={"command": "another"}))
+    (folder / "d.json").write_text(json.dumps(invented(provenance=stated)))
+    found = read_run(folder)
+    assert list(found.diagnoses) == ["d.yaml", "e.yaml"]
+    assert [one.name for one in found.structures] == ["lab", "score0", "score1"]
+    (row,) = figures(found.structures[1])
+    assert (row.name, row.reference, row.note) == ("aligned.tif", "target.tif", "as stated")
+
+
+def test_names_that_do_not_belong_together_are_told(tmp_path):
+    folder = put(tmp_path / "lab", fov_target=TARGET, afm_aligned=printed())
+    done = report(folder)
+    assert "fov has a target and no print, afm a print and no target" in done.stderr
+    assert "let their names start alike" in (folder.parent / "report.html").read_text()
+    (folder / "afm_aligned.tif").rename(folder / "fov_aligned.tif")
+    assert "start alike" not in report(folder, "--overwrite").stderr
+
+
+def test_a_damaged_file_is_named_and_the_rest_is_shown(run):
+    (run / "typing.yaml").write_text("format: dlwpredict-parameters/1\nthreshhold: 0.5\n")
+    (run / "letter" / "written.tif").write_text("x")
+    done = report(run)
+    assert done.exit_code == 0
+    assert "warning: not shown: " in done.stderr and "typing.yaml: threshhold: unknown key" in done.stderr
+    whole = (run.parent / "report.html").read_text(encoding="utf-8")
+    assert "Could not be read and is not shown" in whole
+    assert "typing.yaml: threshhold: unknown key" in whole and "written.tif: file: not a readable TIFF" in whole
+    assert "The model lacks" in whole and "print of the corrected design" in whole
+
+
+def test_a_corrected_design_is_not_cut_off_in_its_profile(run, monkeypatch):
+    seen = []
+    monkeypatch.setattr("dlwpredict.pages.report_pictures.uri", lambda figure: seen.append(figure) or "data:,")
+    put(run / "letter", corrected=TARGET.with_heights(2 * TARGET.heights_um))
+    pictures(read_run(run).structures[0], 10_000)
+    for figure in seen[-2:]:
+        (axes,) = figure.axes
+        inner = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2]
+        assert axes.get_ylim()[1] >= max(np.nanmax(heights) for heights in inner)
 
 
 def asdict_score():

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dlwpredict.cli import options
-from dlwpredict.cli.console import say
+from dlwpredict.cli.console import say, warn
 
 COMMAND = "report"
 
@@ -26,10 +26,14 @@ def run(
     """
     options.check_outputs(output, overwrite=overwrite)
     from dlwpredict.pages.report import write_report  # matplotlib takes a second
-    from dlwpredict.pages.run_folder import read_run
+    from dlwpredict.pages.run_folder import read_run, unmatched
 
     found = read_run(folder, leave_out=(output,))
     write_report(output, found)
+    for text in found.damaged:
+        warn(f"not shown: {text}")
+    if hint := unmatched(found.structures):
+        warn(f"{folder}: {hint}")
     prints = sum("aligned" in one.maps for structure in found.structures for one in structure.prints)
     say(
         f"{output}: {len(found.structures)} structures, {prints} aligned recordings, {len(found.parameters)} parameter "

@@ -19,7 +19,7 @@ from dlwpredict.pages import words
 from dlwpredict.pages.pictures import LARGEST_MAP
 from dlwpredict.pages.relief import LARGEST_RELIEF, MOST_POINTS, relief, view
 from dlwpredict.pages.report_pictures import pictures, ranges, surfaces
-from dlwpredict.pages.run_folder import Run, Structure
+from dlwpredict.pages.run_folder import Run, Structure, unmatched
 from dlwpredict.pages.templates import template
 from dlwpredict.parameters import ParameterSet, Readings, declarations
 from dlwpredict.score import score
@@ -81,6 +81,7 @@ def page(run: Run) -> str:
         corrections=_facts(run, "correction"),
         parameters=parameter_tables(run.parameters),
         changed=changed_inputs(run),
+        hint=unmatched(run.structures),
         commands=commands(run),
         script=Markup(f"\n{script}\n"),
         digest=digest,
@@ -101,13 +102,24 @@ def figures(structure: Structure) -> list[Figures]:
             found.append(_compared(structure.name, f"print{named}", aligned, name, predicted, target or predicted))
         if "score" in one.facts and (aligned is None or target is None):
             stated = one.facts["score"]
+            against, test = _compared_files(stated) or ("not stated", f"print{named}")
             away = stated.get("away_from_walls") or {}
-            found.append(Figures(structure.name, f"print{named}", "not stated", stated, away, "as in score.json"))
+            found.append(Figures(structure.name, test, against, stated, away, "as stated"))
     if found and target is not None:
         sizes = ("sa_um", "sq_um", "sz_um")
         alone = _compared(structure.name, "target", target, "", target, target).values
         found.insert(0, Figures(structure.name, "target", "", {key: alone[key] for key in sizes if key in alone}))
     return found
+
+
+def _compared_files(stated: dict[str, Any]) -> tuple[str, str] | None:
+    """Return the names of reference and test of a comparison, in the order in which `score` read them."""
+    provenance = stated.get("provenance")
+    inputs = provenance.get("inputs") if isinstance(provenance, dict) else None
+    if not isinstance(inputs, dict) or len(inputs) < 2:
+        return None
+    first, second = list(inputs)[:2]
+    return Path(str(first)).name, Path(str(second)).name
 
 
 def _compared(

@@ -172,7 +172,10 @@ def _differences(pairs: list[tuple[HeightMap | None, HeightMap | None]], target:
 
 
 def _profiles(structure: Structure, shared: Ranges) -> list[Picture]:
-    """Return profiles along x and y through the centre: target, prints, then the rest, as many as there are lines."""
+    """Return profiles along x and y through the centre: target, prints, then the rest, as many as there are lines.
+
+    Heights reach over the colours of all maps shown, the designs' own included.
+    """
     maps = surfaces(structure)
     prints = [one for one in maps if one.role in ("aligned", "reprinted")]
     target = [one for one in maps if one.role == "target"]
@@ -182,12 +185,12 @@ def _profiles(structure: Structure, shared: Ranges) -> list[Picture]:
     if not chosen:
         return []
     names, lines = [one.name for one in chosen], [one.height_map for one in chosen]
-    found = []
+    found, limits = [], [one.limits(shared) for one in chosen]
+    low, high = min(one[0] for one in limits), max(one[1] for one in limits)
     for axis in "xy":
         figure = Figure(figsize=(PROFILE_INCHES[0], 2.5), layout="constrained")
         axes = figure.subplots()
         show_profiles(axes, lines, axis=axis, names=names)
-        low, high = shared.heights
         axes.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
         axes.legend(frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0, fontsize=7)
         found.append(

@@ -94,6 +94,8 @@ class Run:
     entries : tuple of Entry
     others : tuple of str
         Files that are not shown.
+    damaged : tuple of str
+        What is wrong with each file that should be shown and could not be read.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Run:
     diagnoses: dict[str, dict]
     entries: tuple[Entry, ...]
     others: tuple[str, ...]
+    damaged: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -125,30 +128,36 @@ def read_run(folder: Path, leave_out: tuple[Path, ...] = ()) -> Run:
     Raises
     ------
     InputError
-        No folder, nothing in it that a report shows, too many files, or a file of a known name that is not readable.
+        No folder, too many files, or nothing in it that a report shows; its first damaged file, if it has one.
     """
     files = [path for path in _files(folder) if path.resolve() not in {one.resolve() for one in leave_out}]
     maps: dict[_Place, dict[str, HeightMap]] = {}
     facts: dict[_Place, dict[str, dict]] = {}
     records: dict[str, dict[str, Any]] = {kind: {} for kind in ("parameters", "calibration", "diagnosis")}
-    entries, others = [], []
+    entries, others, damaged = [], [], []
     for path in files:
-        name, kind, content = path.relative_to(folder).as_posix(), "", None
-        if part_role := _named(path):
+        name, part_role = path.relative_to(folder).as_posix(), _named(path)
+        try:
+            kind, content = ("map", read_height_map(path)) if part_role else read_record(path)
+        except InputError as error:
+            damaged.append(error)
+            continue
+        if not kind:
+            others.append(name)
+            continue
+        above = Path(name).parent.as_posix()
+        if part_role:
             part, role = part_role
-            maps.setdefault(_Place(Path(name).parent.as_posix(), part), {})[role] = read_height_map(path)
-            what = MAPS[role]
+            maps.setdefault(_Place(above, part), {})[role] = content
+        elif kind in _OF_A_PRINT:
+            facts.setdefault(_Place(above, _part_of_record(path, kind)), {})[kind] = content
         else:
-            kind, content = read_record(path)
-            if not kind:
-                others.append(name)
-                continue
-            what = TITLES[kind]
-            if kind in _OF_A_PRINT:
-                facts.setdefault(_Place(Path(name).parent.as_posix(), _part_of_record(path)), {})[kind] = content
-            else:
-                records[kind][name] = content
-        entries.append(Entry(name, what, sha256(path), stated_by(path) or {}))
+            records[kind][name] = content
+        entries.append(
+            Entry(name, MAPS[part_role[1]] if part_role else TITLES[kind], sha256(path), stated_by(path) or {})
+        )
+    if not entries and damaged:
+        raise damaged[0]
     if not entries:
         allowed = f"allowed: {', '.join(f'{one}.tif' for one in MAPS)}, parameter files, figures"
         raise InputError("holds nothing that a report shows", where=folder, key="run", allowed=allowed)
@@ -156,11 +165,23 @@ def read_run(folder: Path, leave_out: tuple[Path, ...] = ()) -> Run:
         folder.resolve().name,
         _structures(maps, facts, folder.resolve().name),
         records["parameters"],
-        records["calibration"],
-        records["diagnosis"],
+        _once(records["calibration"]),
+        _once(records["diagnosis"]),
         tuple(entries),
         tuple(name for name in others if not name.endswith(".provenance.yaml")),
+        tuple(map(str, damaged)),
     )
+
+
+def _once(records: dict[str, dict]) -> dict[str, dict]:
+    """Leave out what a command wrote with ``--json`` beside the same figures in YAML."""
+
+    def command(name: str) -> Any:
+        stated = records[name].get("provenance")
+        return stated.get("command") if isinstance(stated, dict) else None
+
+    told = {command(name) for name in records if not name.endswith(".json")} - {None}
+    return {name: one for name, one in records.items() if not name.endswith(".json") or command(name) not in told}
 
 
 def _files(folder: Path) -> list[Path]:
@@ -199,8 +220,10 @@ def _named(path: Path) -> tuple[str, str] | None:
     return (match[1] or "", match[2]) if match else None
 
 
-def _part_of_record(path: Path) -> str:
-    """Return the part that a name such as ``cin_align.yaml`` starts with."""
+def _part_of_record(path: Path, kind: str) -> str:
+    """Return the part that a name such as ``cin_align.yaml`` starts with; a comparison of another name is its own."""
+    if kind == "score" and not re.fullmatch(r"(.*[_-])?score", path.stem):
+        return path.stem
     match = re.fullmatch(r"(.*)[_-](align\w*|pre\w*|correct\w*|score)", path.stem)
     return match[1] if match else ""
 
@@ -218,6 +241,21 @@ def _structures(maps: dict[_Place, dict], facts: dict[_Place, dict], run: str) -
     return tuple(
         Structure(_title(home, run), maps.get(home, {}).get("target"), tuple(prints.get(home, ()))) for home in homes
     )
+
+
+def unmatched(structures: tuple[Structure, ...]) -> str:
+    """Return a hint where one part has only a target and another only prints without one; else nothing.
+
+    >>> grid = HeightMap([[0, 1], [1, 0]], 1, 1)
+    >>> unmatched((Structure("fov", grid, ()), Structure("afm", None, (Print("", {"aligned": grid}, {}),))))
+    'fov has a target and no print, afm a print and no target: if they are one part, let their names start alike'
+    """
+    bare = [one.name for one in structures if one.target is not None and not one.prints]
+    lost = [one.name for one in structures if one.target is None and any("aligned" in p.maps for p in one.prints)]
+    if not (bare and lost):
+        return ""
+    both = f"{', '.join(bare)} has a target and no print, {', '.join(lost)} a print and no target"
+    return f"{both}: if they are one part, let their names start alike"
 
 
 def _home(place: _Place, maps: dict[_Place, dict]) -> tuple[_Place, str]:
