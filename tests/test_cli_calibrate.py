@@ -142,3 +142,18 @@ def test_interrupt_leaves_the_best_so_far_under_a_partial_name(call, tmp_path, m
     assert "interrupted" in result.stderr and "p.partial.yaml" in result.stderr
     assert not (tmp_path / "p.yaml").exists()
     assert read_parameters(tmp_path / "p.partial.yaml").paper
+
+
+def test_a_parameter_at_its_bound_is_not_identified(call, tmp_path, folder):
+    """The truth, 0.96, lies beyond the bound: however narrow the interval there, it is the bound's."""
+    write_parameters(
+        folder / "low.yaml", ParameterSet(paper=Paper(shrinkage_max=0.9), bounds={"shrinkage_max": (0.5, 0.92)})
+    )
+    words = ["--pair", "target.tif", "aligned.tif", *KAPPAS, "-p", "low.yaml", "--report", tmp_path / "r.yaml"]
+    result = call(*words)
+    assert result.exit_code == 0, result.output
+    assert "shrinkage_max is at its bound 0.92" in result.stderr
+    found = read_yaml(tmp_path / "r.yaml")["parameters"]
+    assert found["shrinkage_max"]["high"] - found["shrinkage_max"]["low"] < 0.2
+    assert found["shrinkage_max"]["identified"] is False
+    assert found["shrinkage_min"]["identified"] is True

@@ -80,7 +80,8 @@ class Calibration:
     @property
     def identified(self) -> dict[str, bool]:
         """Whether the data determine each parameter."""
-        return dict(zip(self.free.names, identified(self.free, self.intervals).tolist(), strict=True))
+        known = identified(self.free, self.point.vector, self.intervals)
+        return dict(zip(self.free.names, known.tolist(), strict=True))
 
 
 def calibrate(

@@ -19,6 +19,9 @@ WEAK_SHARE = 0.3
 UNKNOWN_SHARE = 0.5
 """It is not identified where the interval spans more than this share of its bounds."""
 
+EDGE_SHARE = 1e-3
+"""It is at a bound where it lies nearer to it than this share of its bounds."""
+
 
 def warnings_of(
     free: Free, recordings: Sequence[Recording], point: Point, intervals: np.ndarray, directions: list[dict[str, float]]
@@ -31,12 +34,15 @@ def warnings_of(
     return said + _about_pixels(free, recordings, point, intervals) + _about_shifts(recordings, point)
 
 
-def identified(free: Free, intervals: np.ndarray) -> np.ndarray:
-    """Return True for each parameter whose interval spans at most half of its bounds and touches at most one."""
+def identified(free: Free, vector: np.ndarray, intervals: np.ndarray) -> np.ndarray:
+    """Return True for each parameter away from its bounds whose interval spans at most half of them.
+
+    At a bound the fit was stopped, not the data satisfied: that interval says nothing of where the parameter is.
+    """
     width = free.high - free.low
     spans = (intervals[:, 1] - intervals[:, 0]) / width
-    both = (intervals[:, 0] <= free.low) & (intervals[:, 1] >= free.high)
-    return (spans <= UNKNOWN_SHARE) & ~both
+    inside = (vector - free.low >= EDGE_SHARE * width) & (free.high - vector >= EDGE_SHARE * width)
+    return (spans <= UNKNOWN_SHARE) & inside
 
 
 def combination(free: Free, direction: dict[str, float]) -> str:
@@ -48,7 +54,7 @@ def combination(free: Free, direction: dict[str, float]) -> str:
 def _about(name: str, unit: str, value: float, interval: np.ndarray, low: float, high: float) -> list[str]:
     span = f"{interval[0]:.3g} to {interval[1]:.3g}{_unit(unit)}"
     said = []
-    edge = 1e-3 * (high - low)
+    edge = EDGE_SHARE * (high - low)
     if value - low < edge or high - value < edge:
         bound = low if value - low < edge else high
         said.append(f"{name} is at its bound {bound:g}{_unit(unit)}: the fit wants it beyond what is physical")
