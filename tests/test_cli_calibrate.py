@@ -1,6 +1,7 @@
 """`dlwpredict calibrate` from files to files, and what it refuses."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli.app import app
-from dlwpredict.files import write_height_map
+from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.yaml_text import read_yaml
 from dlwpredict.heightmap import HeightMap
@@ -157,3 +158,18 @@ def test_a_parameter_at_its_bound_is_not_identified(call, tmp_path, folder):
     assert found["shrinkage_max"]["high"] - found["shrinkage_max"]["low"] < 0.2
     assert found["shrinkage_max"]["identified"] is False
     assert found["shrinkage_min"]["identified"] is True
+
+
+def test_a_process_from_relative_heights_says_so_where_it_is_used(call, tmp_path, folder):
+    aligned = read_height_map(folder / "aligned.tif")
+    write_height_map(folder / "relative.tif", replace(aligned, height_reference="relative"))
+    said = "learned from relative heights only"
+    for recording, warned in (("relative.tif", True), ("aligned.tif", False)):
+        assert call("--pair", "target.tif", recording, *KAPPAS, "--overwrite").exit_code == 0
+        words = ["precompensate", "target.tif", "-p", tmp_path / "p.yaml", "-o", tmp_path / "c.tif", "--overwrite"]
+        done = CliRunner().invoke(app, [str(word) for word in words])
+        assert done.exit_code == 0
+        assert (f"p.yaml: {said}" in done.stderr) is warned
+        stated = read_yaml(tmp_path / "p.yaml")["provenance"]
+        assert stated["command"].startswith("dlwpredict calibrate") and len(stated["inputs"]) == 2
+        assert CliRunner().invoke(app, ["verify", str(tmp_path / "p.yaml")]).exit_code == 0

@@ -1,11 +1,14 @@
 """`dlwpredict diagnose` from files to files: what it finds, what it leaves, and what it refuses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli.app import app
+from dlwpredict.cli.diagnose import cautions
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
@@ -178,3 +181,14 @@ def test_folder_of_maps_is_not_overwritten(folder, tmp_path):
     found = called(folder, *pairs("plain"), "-o", str(tmp_path / "d.yaml"), "--maps", str(tmp_path / "maps"))
     assert found.exit_code == 1
     assert "exists already" in found.stderr
+
+
+def test_what_the_diagnosis_left_open_goes_with_the_parameters():
+    recordings = [SimpleNamespace(measured=HeightMap(np.eye(3), 1, 1))]
+    found = SimpleNamespace(recordings=recordings)
+    rest = {"significant": True, "rms_um": 0.0123}
+    (said,) = cautions(found, {"verdict": "unexplained", "remainder": rest})
+    assert "most of the mismatch has no name" in said
+    (said,) = cautions(found, {"verdict": "identified", "remainder": rest})
+    assert "left 0.0123 µm beyond noise" in said
+    assert cautions(found, {"verdict": "none", "remainder": {"significant": False, "rms_um": None}}) == []

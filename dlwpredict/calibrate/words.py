@@ -23,6 +23,14 @@ EDGE_SHARE = 1e-3
 """It is at a bound where it lies nearer to it than this share of its bounds."""
 
 
+RELATIVE_ONLY = "learned from relative heights only (no substrate in view): relief is known, total height is not"
+
+
+def cautions_of(recordings: Sequence[Recording]) -> list[str]:
+    """Return what should be known wherever the process is used."""
+    return [RELATIVE_ONLY] if all(one.measured.height_reference == "relative" for one in recordings) else []
+
+
 def warnings_of(
     free: Free, recordings: Sequence[Recording], point: Point, intervals: np.ndarray, directions: list[dict[str, float]]
 ) -> list[str]:

@@ -16,6 +16,7 @@ import typer
 from dlwpredict.calibrate import Calibration, Point, Recording, calibrate, prepare
 from dlwpredict.calibrate.recordings import WALL_PX
 from dlwpredict.calibrate.report import report_of
+from dlwpredict.calibrate.words import cautions_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.plotting import Plot, check_plot
@@ -24,6 +25,7 @@ from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
+from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.flat import Free, choose
 from dlwpredict.heightmap import HeightMap
@@ -100,7 +102,8 @@ def run(
             seed=seed,
             watch=lambda point: (watch(point), show(point)),
         )
-    write_parameters(output, replace(found.parameters, provenance={}))  # that of the start is not its own
+    stated = with_cautions(cautions_of(recordings))  # that of the start is not its own
+    write_parameters(output, replace(found.parameters, provenance=stated))
     figures = report_of(found)
     if report:
         write_text(report, json.dumps(figures, ensure_ascii=False) if report.suffix == ".json" else yaml_text(figures))

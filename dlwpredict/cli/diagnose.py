@@ -15,6 +15,7 @@ import typer
 
 from dlwpredict.calibrate import Recording, prepare
 from dlwpredict.calibrate.recordings import WALL_PX, coarser
+from dlwpredict.calibrate.words import cautions_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say
 from dlwpredict.cli.streams import tell as figures
@@ -26,7 +27,7 @@ from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
-from dlwpredict.files.provenance import origin
+from dlwpredict.files.provenance import origin, with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet, Undecided
@@ -88,7 +89,8 @@ def run(
     if report:
         _write_report(report, found, content, pairs)
     if params_out:
-        write_parameters(params_out, replace(extended(found), provenance={}))
+        stated = with_cautions(cautions(found, content))
+        write_parameters(params_out, replace(extended(found), provenance=stated))
     write_text(output, yaml_text(content))
     figures(content)
     from dlwpredict.pages.terminal import lines
@@ -106,6 +108,16 @@ def extended(found: Diagnosis) -> ParameterSet:
     ]
     fitted = found.extended.fit
     return replace(fitted.parameters, undecided=tuple(open_ones), intervals=fitted.intervals())
+
+
+def cautions(found: Diagnosis, content: dict[str, Any]) -> list[str]:
+    """Say what should be known wherever the extended process is used."""
+    rest, said = content["remainder"], []
+    if content["verdict"] == "unexplained":
+        said.append("the diagnosis is 'unexplained': most of the mismatch has no name, and its effects stand in for it")
+    elif rest["significant"]:
+        said.append(f"the diagnosis left {rest['rms_um']:.3g} µm beyond noise that no named effect explains")
+    return said + cautions_of(found.recordings)
 
 
 def _prepared(target: Path, recording: Path, wall_px: int) -> tuple[Recording, HeightMap]:

@@ -19,6 +19,7 @@ from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.formats import format_of
 from dlwpredict.files.parameters_yaml import read_parameters
+from dlwpredict.files.provenance import cautions_of
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
@@ -87,6 +88,8 @@ def run(
     with blaming(output):
         format_of(output, "write")
     process = read_parameters(parameters)
+    for caution in cautions_of(process.provenance):
+        warn(f"{parameters}: {caution}")
     part = read_height_map(target)
     limits = Limits(maximum_um, process.writing.slicing_um if slicing_um is None else slicing_um)
 

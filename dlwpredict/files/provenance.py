@@ -112,6 +112,17 @@ def origin() -> dict[str, Any] | None:
     }
 
 
+def with_cautions(cautions: Sequence[str]) -> dict[str, Any]:
+    """Return the provenance of what the present command writes, with what its user should know; empty without any."""
+    return (origin() or {}) | {"cautions": list(cautions)} if cautions else {}
+
+
+def cautions_of(stated: dict[str, Any]) -> list[str]:
+    """Return what a provenance warns of."""
+    found = stated.get("cautions")
+    return [str(one) for one in found] if isinstance(found, list) else []
+
+
 def signed(text: str, ending: str) -> str:
     """Return the text of a YAML or JSON mapping with the provenance under a key, unless it has that key."""
     stated = origin()
