@@ -39,8 +39,8 @@ def main() -> None:
         for figure in PARTS[name](asked.repeats):
             print(line(figure), flush=True)
             kept.append(asdict(figure) | {"verdict": figure.verdict})
-        text = json.dumps({"machine": machine, "load": os.getloadavg()[0], "figures": kept}, indent=2)
-        (asked.folder / f"{name}.json").write_text(text + "\n")
+            text = json.dumps({"machine": machine, "load": os.getloadavg()[0], "figures": kept}, indent=2)
+            (asked.folder / f"{name}.json").write_text(text + "\n")
 
 
 if __name__ == "__main__":
