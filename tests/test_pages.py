@@ -280,11 +280,46 @@ def test_the_terminal_has_verdict_first_and_what_the_bench_needs():
         "1. dose-memory or substrate-tilt (side undecided)",
         "dose-memory.gain 0.1203 (0.1121 to 0.1285), dose-memory.length_um 6.04 (5.31 to 6.77) µm",
         "the same part printed with the hatch mirrored: a memory turns round, a tilt stays",
-        "where: 61 % in recording 0, left edges, up the hatch direction",
+        "where: 61 % in pair 0, left edges, up the hatch direction",
         "remainder: no more than noise (3.10 nm, p = 0.41). nothing beyond noise",
         "not testable: z-amplification, lateral-shrinkage, field-curvature, stitching",
     ):
         assert part in together
+
+
+def test_a_partial_explanation_is_called_one(tmp_path, maps):
+    content = invented(verdict="unexplained")
+    text = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
+    assert "unexplained – named effects explain a part only" in text
+    assert "Most of the mismatch has no name" in text
+    bare = " ".join(Reader(written(tmp_path / "bare.html", content | {"findings": []}, maps)).text.split())
+    assert "unexplained – no named effect explains it" in bare and "Most of the mismatch" not in bare
+
+
+def test_what_could_not_be_left_out_is_said_once_with_the_reason(tmp_path, maps):
+    content = invented()
+    for part in (content["baseline"], content["extended"]):
+        part["holdout_rmse_um"] = None
+    content["findings"][0]["holdout_rmse_um"] = {"before": None, "after": None}
+    text = Reader(written(tmp_path / "report.html", content, maps)).text
+    assert text.count("too small to leave blocks of them out") == 1
+    assert "on left-out data" not in text.replace("rmse on left-out data", "")
+    said = " ".join(" ".join(lines(content)).split())
+    assert said.count("too small to leave blocks of them out") == 1 and "left-out –" not in said
+
+
+def test_a_place_that_is_the_whole_field_gets_no_box(tmp_path, maps):
+    half = maps[0].target.size_um[0] / 2
+    content = invented()
+    content["locations"][0] |= {"x_um": [-half, half], "y_um": [-half, half]}
+    text = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
+    assert text.count("all over the field") == 1
+    assert "8 to 31" in text  # the other place of the pair is number 1 now
+
+
+def test_recordings_are_named_by_their_files():
+    said = " ".join(lines(invented(recordings=["scans/air.tif", "scans/f.tif"])))
+    assert "where: 61 % in air.tif, left edges" in said and "22 % in f.tif" in said
 
 
 def test_a_diagnosis_without_findings_is_short():

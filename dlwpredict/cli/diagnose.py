@@ -79,7 +79,7 @@ def run(
             seed=seed,
             tell=tell,
         )
-        content = content_of(found)
+        content = content_of(found) | {"recordings": [str(recording) for _, recording in pairs]}
         if advice:
             tell("advice")
             _advised(found, content)

@@ -17,6 +17,9 @@ __all__ = ["Evidence", "PairMaps", "write_page"]
 MOST_EVIDENCE = 15
 """Rows of evidence shown; the rest is counted."""
 
+WHOLE = 0.8
+"""Share of the field along x and along y from which a place is called all over it."""
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -85,7 +88,7 @@ def page(content: dict, maps: Sequence[PairMaps], *, command: str, evidence: Seq
         content=content,
         pairs=[_pair(index, pair, content, len(maps)) for index, pair in enumerate(maps)],
         names=[pair.name for pair in maps],
-        numbers=_numbers(content["locations"]),
+        numbers=_numbers(content["locations"], maps),
         parameters=parameter_rows(content["baseline"]["parameters"], content["extended"]["parameters"]),
         evidence=ranked[:MOST_EVIDENCE],
         hidden=len(ranked) - len(ranked[:MOST_EVIDENCE]),
@@ -121,7 +124,7 @@ def _flat(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
 
 def _pair(index: int, pair: PairMaps, content: dict, pairs: int) -> dict[str, Any]:
     """Return what the template shows of one pair."""
-    places = [place for place in content["locations"] if place["pair"] == index]
+    places = [place for place in content["locations"] if place["pair"] == index and not _everywhere(place, pair)]
     pixels = min(LARGEST_MAP, MOST_PIXELS // (4 * pairs))
     named = bool(content["findings"])
     maps, profiles = pictures(pair, places, noise_um=content["noise_um"], pixels=pixels, named=named)
@@ -129,7 +132,21 @@ def _pair(index: int, pair: PairMaps, content: dict, pairs: int) -> dict[str, An
     return {"name": pair.name, "shape": pair.target.shape, "shown": shown, "maps": maps, "profiles": profiles}
 
 
-def _numbers(locations: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Return the number of every place within its pair, from 1, as on the maps."""
-    pairs = [place["pair"] for place in locations]
-    return [pairs[: index + 1].count(pair) for index, pair in enumerate(pairs)]
+def _numbers(locations: Sequence[Mapping[str, Any]], maps: Sequence[PairMaps]) -> list[int | None]:
+    """Return the number of every place within its pair, from 1, as on the maps; none for what is all over the field."""
+    counts: dict[int, int] = {}
+    numbers: list[int | None] = []
+    for place in locations:
+        pair = place["pair"]
+        if _everywhere(place, maps[pair]):
+            numbers.append(None)
+        else:
+            counts[pair] = counts.get(pair, 0) + 1
+            numbers.append(counts[pair])
+    return numbers
+
+
+def _everywhere(place: Mapping[str, Any], pair: PairMaps) -> bool:
+    """Tell whether a place's box is as good as the whole field: then no frame says where it is."""
+    sizes = [high - low for low, high in (place["x_um"], place["y_um"])]
+    return all(size >= WHOLE * field for size, field in zip(sizes, pair.target.size_um, strict=True))

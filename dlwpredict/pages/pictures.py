@@ -130,7 +130,12 @@ def _maps(pair: PairMaps, locations: Sequence[Mapping[str, Any]], pixels: int, n
     certain = coarser(pair.target, np.where(unknown, np.nan, pair.mismatch), pixels)
     show_map(axes, certain, limits_um=(0, 1), colours=MISMATCH_COLOURS, label="mismatch")
     _frames(axes, locations)
-    found.insert(1, Picture(uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"))
+    found.insert(
+        1,
+        Picture(
+            uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"
+        ),
+    )
     return found
 
 

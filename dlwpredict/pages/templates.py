@@ -22,7 +22,6 @@ def template(name: str) -> Template:
     )
     for says in (words.length, words.significant, words.probability, words.percent, words.estimate, words.change):
         environment.filters[says.__name__] = says
-    for says in (words.sentence, words.separation, words.side):
+    for says in (words.sentence, words.separation, words.side, words.verdict, words.recording, words.left_out):
         environment.globals[says.__name__] = says
-    environment.globals["verdicts"] = words.VERDICTS
     return environment.get_template(name)

@@ -24,15 +24,15 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     """
     said = _wrapped(f"{content['verdict'].upper()}: {words.sentence(content)}", most=2)
     said += _wrapped(
-        f"rmse {_change(content, 'rmse_um')}, on left-out data {_change(content, 'holdout_rmse_um')}; "
+        f"rmse {_change(content, 'rmse_um')}, {words.left_out(_errors(content, 'holdout_rmse_um'))}; "
         f"noise {words.length(content['noise_um'])}",
-        most=1,
+        most=2,
     )
     for number, finding in enumerate(content["findings"][:MOST_FINDINGS], start=1):
         said += _finding(number, finding)
     for place in content["locations"][:MOST_PLACES]:
         share = words.percent(place["share"])
-        said += _wrapped(f"where: {share} in recording {place['pair']}, {place['where']}", most=1)
+        said += _wrapped(f"where: {share} in {words.recording(content, place['pair'])}, {place['where']}", most=1)
     rest = content["remainder"]
     state = "unexplained structure" if rest["significant"] else "no more than noise"
     size = f"{words.length(rest['rms_um'])}, {_p(rest['p_value'])}"
@@ -41,7 +41,11 @@ def lines(content: Mapping[str, Any]) -> list[str]:
 
 
 def _change(content: Mapping[str, Any], key: str) -> str:
-    return words.change({"before": content["baseline"][key], "after": content["extended"][key]})
+    return words.change(_errors(content, key))
+
+
+def _errors(content: Mapping[str, Any], key: str) -> dict[str, float | None]:
+    return {"before": content["baseline"][key], "after": content["extended"][key]}
 
 
 def _p(value: float | None) -> str:
@@ -59,8 +63,10 @@ def _finding(number: int, finding: Mapping[str, Any]) -> list[str]:
     ]
     said = _wrapped(f"{number}. {' or '.join(finding['effects'])} ({words.side(finding)})", most=1)
     said += _listed(indent, found, most=2 if first else 1)
-    inside, outside = words.change(finding["rmse_um"]), words.change(finding["holdout_rmse_um"])
-    said += _wrapped(f"{indent}rmse {inside}, on left-out data {outside}, {_p(finding['p_value'])}", most=1)
+    errors = [f"without it → with it: rmse {words.change(finding['rmse_um'])}"]
+    if (outside := words.change(finding["holdout_rmse_um"])) != words.NONE:
+        errors.append(f"left-out {outside}")
+    said += _wrapped(f"{indent}{', '.join(errors)}, {_p(finding['p_value'])}", most=1)
     by, command = words.separation(finding)
     if first and by:
         said += _wrapped(f"{indent}to tell apart: {by}", most=2)

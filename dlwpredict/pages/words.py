@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Any
 
 NONE = "–"
 """Stands where there is no number."""
+
+NO_HOLDOUT = "no error on left-out data: the maps are too small to leave blocks of them out"
 
 VERDICTS = {
     "identified": "one effect is named",
@@ -15,6 +18,44 @@ VERDICTS = {
     "unexplained": "no named effect explains it",
     "none": "nothing beyond noise",
 }
+
+
+def verdict(content: Mapping[str, Any]) -> str:
+    """Return what a verdict means; effects may be named though most of the mismatch has no name.
+
+    Examples
+    --------
+    >>> verdict({"verdict": "unexplained", "findings": [1]}), verdict({"verdict": "unexplained", "findings": []})
+    ('named effects explain a part only', 'no named effect explains it')
+    """
+    if content["verdict"] == "unexplained" and content["findings"]:
+        return "named effects explain a part only"
+    return VERDICTS[content["verdict"]]
+
+
+def recording(content: Mapping[str, Any], pair: int) -> str:
+    """Return the file name of a pair's recording, or its number in diagnosis.yaml where the names are not known.
+
+    Examples
+    --------
+    >>> recording({"recordings": ["scans/air.tif"]}, 0), recording({}, 0)
+    ('air.tif', 'pair 0')
+    """
+    names = content.get("recordings")
+    known = isinstance(names, list) and 0 <= pair < len(names)
+    return PurePath(str(names[pair])).name if known else f"pair {pair}"
+
+
+def left_out(rmse_um: Mapping[str, float | None]) -> str:
+    """Return the error on data left out, before → after, or why there is none.
+
+    Examples
+    --------
+    >>> left_out({"before": 0.084, "after": 0.0312})
+    'on left-out data 84.0 nm → 31.2 nm'
+    """
+    found = change(rmse_um)
+    return NO_HOLDOUT if found == NONE else f"on left-out data {found}"
 
 
 def length(value_um: float | None) -> str:
