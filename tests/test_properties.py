@@ -2,7 +2,7 @@
 
 `TOGETHER`: cross-linking is computed on pixels taken together from the map's first one on, and its largest value is
 sought on that grid. Where a turned or moved map is cut into other groups, up to this share of what cross-linking adds
-to the height may change (0.63 % was the most in 1000 draws). `LEVELS_UM`: what the levels in z leave, µm. `TILES_UM`:
+to the height may change (0.62 % was the most met). `LEVELS_UM`: what the levels in z leave, µm. `TILES_UM`:
 what tiles on disk leave; in 40 draws once 0.2 nm, where test_tiles.py holds them to 0.1. Exposure is computed in single
 precision: `ROUNDED` of the full dose, and `SINGLE_UM` of height where it falls steeply.
 """
