@@ -117,7 +117,7 @@ def voxel_simplex(kind: str, side_px: str, pitch_um: str) -> Callable[[], dict]:
 
     def rmse(values: np.ndarray) -> float:
         found = reference.predict(pair.target.heights_um, float(pitch_um), SLICE_UM, Paper(*values * start))
-        return float(np.sqrt(np.mean((found - pair.heights_um) ** 2)))
+        return float(np.sqrt(np.mean((found[pair.used] - pair.heights_um) ** 2)))
 
     def run() -> dict:
         bounds = [(known.low / s, known.high / s) for known, s in zip(declared, start, strict=True)]

@@ -135,7 +135,7 @@ def calibrate(repeats: int) -> Iterator[Figure]:
     """Yield fast against the simplex: on the fast model, and on voxels, small maps."""
     yield from _raced("cin", 128, 0.25, 50, "simplex", min(repeats, 3))
     yield from _raced("air", 128, 0.25, 50, "simplex", min(repeats, 3))
-    yield from _raced("cin", 64, 0.4, None, "simplex on voxels", 1)
+    yield from _raced("cin", 48, 0.5, None, "simplex on voxels", 1)
 
 
 def calibrate_full(repeats: int) -> Iterator[Figure]:
