@@ -7,6 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.calibrate.recordings import prepare
+from dlwpredict.diagnose.baseline import discretisation_um, on_own_pixels
 from dlwpredict.diagnose.candidates import candidates
 from dlwpredict.diagnose.competitor import Beside
 from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, width_rows
@@ -22,6 +23,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
+from dlwpredict.smoothing import block_mean
 from dlwpredict.whitening import Neighbourhood
 
 NOISE = Noise(0.005, 0.02, 1.0, 0.4, 0.4)
@@ -253,3 +255,34 @@ def test_a_width_is_drawn_towards_the_papers_value():
     further, _ = width_rows(ParameterSet(paper=Paper(exposure_fwhm_z_um=2.0 + 1e-6)), names)
     assert derivative[row, 1] == pytest.approx((residual - further)[row] / 1e-6, rel=1e-4)
     assert np.count_nonzero(residual) == np.count_nonzero(derivative) == 1
+
+
+def test_an_effect_of_the_recording_acts_on_the_pixels_of_the_recording():
+    """A tilted pupil adds s·∂t/∂x on gentle ground: the change on finer pixels is passed on as c + s·∂c/∂x."""
+    target = designs.lens(radius_um=300, size_um=20, pitch_um=0.4, margin_um=2)
+    recording = bare(prepare(target, predict(target, ParameterSet())))
+    plain = discretisation_um(recording, ParameterSet())
+    tilted = discretisation_um(recording, ParameterSet(effects=(library()["slope-error"](signed_x_um=0.3),)))
+    expected = plain + 0.3 * np.gradient(plain, 0.4, axis=1)
+    inside = np.s_[12:-12, 12:-12]
+    assert np.abs(plain[inside]).max() > 1e-5
+    np.testing.assert_allclose(tilted[inside], expected[inside], atol=1e-9)
+
+
+def test_the_change_on_finer_pixels_is_taken_where_the_fit_is():
+    """Held to a width far from the truth, it holds the fitted width there; taken anew, it lets it go."""
+    truth = ParameterSet(paper=Paper(exposure_fwhm_xy_um=0.5))
+    target = designs.air(size_um=24, pitch_um=0.4, margin_um=2, seed=3)
+    fine = HeightMap(np.kron(target.heights_um, np.ones((2, 2))), 0.2, 0.2)
+    printed = block_mean(predict(fine, truth).heights_um, (2, 2))
+    noise = Noise(0.002, 0.002, 0.8, 0.4, 0.4)
+    noisy = printed + noise.simulate(printed.shape, np.random.default_rng(4))
+    recording = bare(prepare(target, target.with_heights(noisy)))
+    far = ParameterSet(paper=Paper(exposure_fwhm_xy_um=1.0))
+    begun = fit([Whitened.of(recording, noise, discretisation_um(recording, far))], choose(truth))
+    moved = on_own_pixels(begun)
+    place = moved.free.index("exposure_fwhm_xy_um")
+    errors = [abs(one.point.vector[place] - 0.5) for one in (begun, moved)]
+    assert moved.chi2 < begun.chi2 - 1
+    assert errors[1] < errors[0]
+    assert errors[1] < 3 * np.sqrt(moved.covariance()[place, place])

@@ -138,6 +138,17 @@ class TestThresholdChannel:
         root = brentq(lambda z: exposure(z) - P, TOP - 2, TOP + 2)
         assert exposed(pad(), effect("power-drift", drift=drift))[45, 45] == pytest.approx(root, abs=2e-4)
 
+    def test_background_reaches_the_resin_wherever_the_focus_is(self):
+        """Φ((h − z)/s_z)·D(z)² = P with D at the height z itself; the neighbourhood is narrow against the pad."""
+        gain, s = 0.3, 3.0 / FWHM_PER_SIGMA
+
+        def dose(z):
+            return 1 + gain * (ndtr((TOP - z) / s) - ndtr(-z / s))
+
+        root = brentq(lambda z: ndtr((TOP - z) / S_Z) * dose(z) ** 2 - P, TOP - 2, TOP + 2)
+        top = exposed(pad(), effect("dose-proximity", gain=gain, fwhm_um=3.0))[45, 45]
+        assert top == pytest.approx(root, abs=3e-4)
+
 
 class TestConversionChannel:
     @pytest.mark.parametrize("conversion", [0.25, 1.0])
@@ -450,3 +461,33 @@ class TestMeasurement:
         hill = HeightMap(np.exp(-(x**2 + (y - 10) ** 2) / 4), 0.25, 0.25)
         seen = measured(hill, effect("misregistration", shear_mrad=40.0))
         assert float((seen * x).sum() / seen.sum()) == pytest.approx(0.4, abs=1e-3)
+
+
+def test_the_drift_of_conversion_counts_from_the_highest_written_layer():
+    """Exposed resin stands higher than what is written where P < ½; time does not."""
+    chain = steps(ParameterSet(PAPER, effects=(effect("power-drift", drift=0.2, conversion=0.5),)), Levels())
+    state = run([step for step in chain if step.stage in ("target", "dose", "exposed", "crosslink")], pad())
+    assert state.exposed.surface.heights_um.max() > TOP + 0.05
+    expected = 1 + 0.5 * ((1 + 0.2 * 3.0 / TOP) ** 2 - 1)
+    np.testing.assert_allclose(state.source_weight(3.0), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "one",
+    [
+        effect("astigmatism", log_ratio=0.3, angle_deg=0.0),
+        effect("astigmatism", log_ratio=-0.2, angle_deg=90.0),
+        effect("z-linearity", periodic_um=0.1, phase_rad=np.pi),
+    ],
+)
+def test_at_the_end_of_a_circle_the_same_effect_is_said_otherwise(one):
+    other = one.elsewhere()
+    assert other != one and other.elsewhere() == one
+    part = HeightMap(pad(8, 12).heights_um + np.random.default_rng(0).random((30, 30)), PITCH, PITCH)
+    shown = [predict(part, ParameterSet(PAPER, effects=(e,)), as_measured=True).heights_um for e in (one, other)]
+    np.testing.assert_allclose(*shown, atol=1e-5)
+
+
+def test_elsewhere_an_effect_is_what_it_is():
+    for name in library():
+        assert effect(name).elsewhere() == effect(name) or name == "astigmatism"
