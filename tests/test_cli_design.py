@@ -85,13 +85,13 @@ def test_quiet_says_nothing(tmp_path):
         (["cin", "--radius-um", 3], 2, "--radius-um"),
         (["pyramid"], 2, "pyramid"),
         (["cin", "--size-um", "big"], 2, "--size-um"),
-        (["cin", "--size-um", -5], 1, "error: design cin: size_um: found -5, allowed 0.1 to 10000 µm"),
-        (["cin", "--size-um", "nan"], 1, "size_um: found nan"),
-        (["cin", "--pitch-um", 0], 1, "pitch_um: found 0"),
-        (["cin", "--pitch-um", 5], 1, "period_min_um: 3 µm is too fine"),
+        (["cin", "--size-um", -5], 1, "error: design cin: --size-um: found -5, allowed 0.1 to 10000 µm"),
+        (["cin", "--size-um", "nan"], 1, "--size-um: found nan"),
+        (["cin", "--pitch-um", 0], 1, "--pitch-um: found 0"),
+        (["cin", "--pitch-um", 5], 1, "--period-min-um: 3 µm is too fine"),
         (["cin", "--pitch-um", 0.001], 1, "pixels, allowed: at most"),
-        (["lens", "--radius-um", 100, "--height-um", 1], 1, "radius_um: given beside height_um"),
-        (["air", "--seed", -1], 1, "seed: found -1"),
+        (["lens", "--radius-um", 100, "--height-um", 1], 1, "--radius-um: given beside --height-um"),
+        (["air", "--seed", -1], 1, "--seed: found -1"),
     ],
 )
 def test_what_cannot_be_made_is_refused_in_one_line(tmp_path, arguments, code, words):
@@ -101,6 +101,17 @@ def test_what_cannot_be_made_is_refused_in_one_line(tmp_path, arguments, code, w
     assert words in result.stderr
     assert code == 2 or result.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_stairs_of_any_size_have_features_that_fit(tmp_path):
+    for size, widest in ((80, 8.0), (20, 2.0)):
+        path = tmp_path / f"{size}.tif"
+        assert run("stairs", "-o", path, "--size-um", size, "--margin-um", 0).exit_code == 0
+        heights = read_height_map(path).heights_um
+        assert (heights[:, : heights.shape[1] // 4] > 4.1).any(axis=1).sum() * 0.2 == pytest.approx(2.5 * widest, abs=1)
+    assert run("stairs", "-o", tmp_path / "a.tif", "--feature-um", 20).stderr.startswith(
+        "error: design stairs: --feature-um"
+    )
 
 
 def test_an_existing_target_stays_unless_told(tmp_path):

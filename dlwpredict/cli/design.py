@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, get_args
 
@@ -14,7 +16,7 @@ from dlwpredict.cli.console import say, warn, with_verbosity
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import figures_of, tell, with_streams
 from dlwpredict.designs import KINDS, options_of
-from dlwpredict.errors import blaming
+from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import write_height_map
 from dlwpredict.parameters import Declaration
 
@@ -34,7 +36,7 @@ def command(kind: str) -> Callable[..., None]:
     def run(*, output: Path, plot: Path | None, overwrite: bool, **settings) -> None:
         options.check_outputs(output, plot, overwrite=overwrite)
         check_plot(plot)
-        with blaming(f"design {kind}"):
+        with blaming(f"design {kind}"), _options_named(settings):
             target = make(**settings)
         write_height_map(output, target)
         if plot is not None:
@@ -63,15 +65,38 @@ def command(kind: str) -> Callable[..., None]:
     return run
 
 
+@contextmanager
+def _options_named(names: Collection[str]) -> Iterator[None]:
+    """Let errors name options as they are typed: --feature-um for feature_um."""
+    found = re.compile(rf"\b({'|'.join(name for name in names if '_' in name)})\b")
+
+    def typed(text: str) -> str:
+        return found.sub(lambda name: flag(name[1]), text)
+
+    try:
+        yield
+    except InputError as error:
+        key = flag(error.key) if error.key in names else error.key
+        raise type(error)(typed(error.what), where=error.where, key=key, allowed=typed(error.allowed)) from None
+
+
+def flag(name: str) -> str:
+    """Return how an option is typed.
+
+    >>> flag("size_um")
+    '--size-um'
+    """
+    return f"--{name.replace('_', '-')}"
+
+
 def as_option(option: inspect.Parameter, declaration: Declaration) -> object:
     """Return the annotation that makes typer ask for a declared option; the range is checked by the kind itself."""
     kind_of_value = get_args(option.annotation)[0]
     unit = "" if declaration.unit == "1" else f" {declaration.unit}"
     allowed = f" ({declaration.low:.10g} to {declaration.high:.10g}{unit})" if kind_of_value is not bool else ""
-    flag = f"--{option.name.replace('_', '-')}"
     length = options.LENGTH if kind_of_value in (float, float | None) and unit == " µm" else {}
     meaning = f"{declaration.meaning[0].upper()}{declaration.meaning[1:]}{allowed}."
-    return Annotated[kind_of_value, typer.Option(flag, help=meaning, **length)]
+    return Annotated[kind_of_value, typer.Option(flag(option.name), help=meaning, **length)]
 
 
 for _kind in KINDS:

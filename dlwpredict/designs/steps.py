@@ -19,7 +19,9 @@ def stairs(
     base_um: Annotated[float, um(0.0, 500.0, "height of the lowest plateau")] = 4.0,
     height_um: Annotated[float, um(0.0, 500.0, "rise from the lowest to the highest plateau")] = 9.0,
     count: Annotated[int, number(2, 100, "plateaus")] = 4,
-    feature_um: Annotated[float, um(0.0, 1000.0, "width of the widest mesa and well; 0 = none")] = 8.0,
+    feature_um: Annotated[
+        float | None, um(0.0, 1000.0, "width of the widest mesa and well, a tenth of the side unless given; 0 = none")
+    ] = None,
     feature_height_um: Annotated[float, um(0.0, 500.0, "height of the mesas, depth of the wells")] = 1.5,
 ) -> np.ndarray:
     """Strips along y that rise with x, at the defaults 4, 7, 10 and 13 µm.
@@ -34,6 +36,8 @@ def stairs(
     """
     column, row, across, along = at.cells(count, 2 * FEATURES.size)
     plateaus = base_um + height_um * column / (count - 1) + 0 * along
+    if feature_um is None:
+        feature_um = min(at.width_um, at.depth_um) / 10
     if feature_um == 0:
         return plateaus
     place = min(at.width_um / count, at.depth_um / (2 * FEATURES.size))
