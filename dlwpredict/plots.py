@@ -39,6 +39,10 @@ NEAR_WALL = 0.01
 """... within this share of the map's shorter side, at least two pixels."""
 
 
+TINY_UM = 1e-3
+"""Ticks of heights below this are written with their own exponents."""
+
+
 def inside(height_map: HeightMap) -> np.ndarray:
     """Return where the part is, away from walls, shape (rows, cols); all measured points where that leaves too few.
 
@@ -124,7 +128,9 @@ def show_map(
     below, above = bool((known < low).any()), bool((known > high).any())
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
     beside = axes.inset_axes((1.04, 0, 0.05, 1))
-    axes.figure.colorbar(image, cax=beside, label=label, extend=extend, extendfrac=0.04).outline.set_linewidth(0.6)
+    tiny = "%g" if max(abs(low), abs(high)) < TINY_UM else None  # else a power of ten lies over the scale bar
+    bar = axes.figure.colorbar(image, cax=beside, label=label, extend=extend, extendfrac=0.04, format=tiny)
+    bar.outline.set_linewidth(0.6)
     show_scale_bar(axes, width, bar_um or round_length(0.3 * width))
     return image
 

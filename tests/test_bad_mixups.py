@@ -179,6 +179,24 @@ def test_target_and_recording_swapped(call):
     assert "swapped?" in call("score", "al.tif", "design.tif").stderr
 
 
+def test_a_design_in_the_place_of_the_recording(call):
+    words = ["--size-um", 30, "--pitch-um", 0.5, "--margin-um", 5]
+    assert call("design", "f", "-o", "design.tif", *words).exit_code == 0
+    said = "design.tif: was made by design: are target and recording exchanged?"
+    assert said in call("align", "design.tif", "aligned.tif", "-o", "al.tif", "--keep-missing").stderr
+    assert said not in call("align", "recording.tif", "design.tif", "-o", "al.tif", "--overwrite").stderr
+
+
+def test_a_recording_in_the_place_of_the_target(call):
+    words = ["--size-um", 30, "--pitch-um", 0.5, "--margin-um", 5]
+    assert call("design", "f", "-o", "design.tif", *words).exit_code == 0
+    negative = PRINTED.with_heights(PRINTED.heights_um - 0.1)
+    write_height_map("low.tif", negative)
+    write_height_map("same.tif", TARGET)
+    refused = call("calibrate", "--pair", "low.tif", "same.tif", "-o", "p.yaml")
+    assert refused.exit_code == 1 and "are target and recording exchanged?" in refused.stderr
+
+
 @pytest.mark.parametrize("kind", designs.KINDS)
 def test_designs_and_their_prints_raise_no_doubt(kind):
     target = designs.KINDS[kind](pitch_um=0.5)
@@ -186,3 +204,14 @@ def test_designs_and_their_prints_raise_no_doubt(kind):
     assert disagreement(target, printed) == []
     noisy = printed.with_heights(printed.heights_um + np.random.default_rng(1).normal(scale=0.01, size=printed.shape))
     assert clipping(noisy) == []
+
+
+def test_the_flat_top_of_a_design_is_no_clipping():
+    """A design of many heights with 13 points at its highest one; in a recording it is a limit of the instrument."""
+    heights = np.random.default_rng(0).uniform(3, 10, (60, 60))
+    heights[20, 10:23] = 11.0
+    design = np.pad(heights, 20)
+    assert clipping(HeightMap(design, 0.5, 0.5)) == []
+    recorded = design + np.random.default_rng(1).normal(scale=0.01, size=design.shape)
+    recorded[40, 30:43] = recorded.max() + 1
+    assert "13 points at the highest height" in clipping(HeightMap(recorded, 0.5, 0.5))[0]

@@ -72,7 +72,7 @@ def test_what_is_no_text_needs_a_file(tmp_path, part, monkeypatch):
         (("predict", part, "-o", "-"), "output"),
         (("export-stl", part, "-o", "-"), "output"),
         (("convert", "-", "a.tif"), "source"),
-        (("align", part, part, "-o", "a.tif", "--report", "-", "--json", "-"), "json-file"),
+        (("align", part, part, "-o", "a.tif", "--report", "-", "--json", "-"), "--json"),
     ]:
         result = run(*words)
         assert (result.exit_code, result.stdout) == (1, "")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dlwpredict.errors import ResultError, blaming
+from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.process import check_target
 from dlwpredict.walls import WALL_PX, near_walls
@@ -76,7 +76,7 @@ def prepare(
         Nothing written, negative or missing target heights, different grids, or no measured point left.
     """
     with blaming(target_name):
-        check_target(target)
+        _check_target(target, measured)
     require_same_grid(target, measured, (target_name, name))
     used = measured.measured & ~near_walls(target, wall_px)
     if not used.any():
@@ -88,6 +88,19 @@ def prepare(
         )
     recording = Recording(name, target, measured, used, np.zeros((int(used.sum()), 0)))
     return with_nuisances(recording, None)
+
+
+def _check_target(target: HeightMap, measured: HeightMap) -> None:
+    """Refuse a target that cannot be written, and say so where the recording in its place could be."""
+    try:
+        check_target(target)
+    except InputError as error:
+        try:
+            check_target(measured)
+        except InputError:
+            raise error from None
+        allowed = f"{error.allowed}; are target and recording exchanged?"
+        raise type(error)(error.what, key=error.key, allowed=allowed) from None
 
 
 def check_points(recordings: Sequence[Recording]) -> None:

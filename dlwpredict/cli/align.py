@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -89,7 +90,18 @@ def run(
         warn(f"{output}: no substrate in view, heights are relative")
     say(f"{output}: {_line(found)}")
     tell(found.as_dict())
-    detail(f"distortion: {found.distortion}; tests: {found.distortion_test}; quality: {found.quality}")
+    for name, test in found.distortion_test.items():
+        detail(f"{name}: {_listed(test)}")
+    detail(f"quality: {_listed(found.quality)}")
+
+
+def _listed(figures: Mapping[str, float | bool]) -> str:
+    """Return figures in words, numbers to four digits."""
+    said = {
+        name: {True: "yes", False: "no"}[one] if isinstance(one, bool) else f"{one:.4g}"
+        for name, one in figures.items()
+    }
+    return ", ".join(f"{name} {one}" for name, one in said.items())
 
 
 def _line(found: Alignment) -> str:

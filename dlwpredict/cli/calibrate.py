@@ -88,7 +88,7 @@ def run(
         )
     pairs = options.pairs_of(pair)
     start = read_parameters(parameters)
-    with blaming(parameters or "start"):
+    with blaming(parameters or "calibrate"):
         moving = choose(start, fix=fix or (), free=free or ())
     recordings = [_prepared(target, recording, wall_px) for target, recording in pairs]
     with _progress() as show, _rescued(output, moving) as watch:

@@ -103,15 +103,20 @@ def with_streams(
     return wrapped
 
 
+def _typed(name: str) -> str:
+    """Return what the user calls a parameter."""
+    return "--json" if name == "json_file" else name.replace("_", "-")
+
+
 @contextmanager
 def _standard_output(given: dict[str, Any], endings: Mapping[str, str]) -> Iterator[dict[str, Any]]:
     """Put a temporary file in the place of ``-``; print it at the end, and all else on standard error."""
     asked = [name for name, value in given.items() if isinstance(value, Path) and str(value) == STANDARD]
     for name in asked:
         if name not in endings:
-            raise InputError("found -", key=name.replace("_", "-"), allowed="allowed: a file name")
+            raise InputError("found -", key=_typed(name), allowed="allowed: a file name")
     if len(asked) > 1:
-        raise InputError("found - twice", key=asked[1].replace("_", "-"), allowed="allowed once")
+        raise InputError("found - for a second output", key=_typed(asked[1]), allowed="allowed for one only")
     if not asked:
         yield dict(given)
         return

@@ -35,11 +35,11 @@ def run(
 def _faults(file: Path) -> list[str]:
     """Say for every input whether it matches; return what does not."""
     if not file.is_file():
-        raise InputError("no such file", where=file, key="file", allowed="a result of this program")
+        raise InputError("no such file", where=file, key="file", allowed="needs a result of this program")
     stated = stated_by(file)
     inputs = stated.get("inputs") if stated else None
     if not isinstance(inputs, dict):
-        raise InputError("states no provenance", where=file, key="provenance", allowed="a result of this program")
+        raise InputError("states no provenance", where=file, key="provenance", allowed="needs a result of this program")
     detail(f"{file}: {stated.get('command')}")
     found = {name: _state(Path(name), digest, file.parent) for name, digest in inputs.items()}
     if own_sha256(file) not in (None, sha256(file)):

@@ -24,6 +24,8 @@ _ALREADY = {
 }
 """What to say by command and by the command that made what it reads."""
 
+_OF_RECORDINGS = "align", "calibrate", "diagnose"
+
 _TURNS = {
     "": (lambda z: z, True),
     "mirrored left to right": (np.fliplr, True),
@@ -55,6 +57,8 @@ def doubts(run: Run, pairs: Sequence[tuple[Path, Path]]) -> list[str]:
     for target, recording in pairs:
         if run.steps.get(target) == "align" and run.steps.get(recording) == "design":
             found.append(f"{target}: was made by align, {recording} by design: are target and recording swapped?")
+        elif own in _OF_RECORDINGS and run.steps.get(recording) == "design":
+            found.append(f"{recording}: was made by design: are target and recording exchanged?")
         elif target in run.maps and recording in run.maps:
             said = disagreement(run.maps[target], run.maps[recording])
             said += [] if recording in run.steps else clipping(run.maps[recording])  # said when it was converted

@@ -22,7 +22,9 @@ def read_npy(path: Path, pitch_um: Pair | None) -> Stored:
     try:
         numbers = np.lib.format.open_memmap(path, mode="r")  # takes no memory for what a header only claims
     except Exception as error:  # NumPy meets broken headers with errors of every kind
-        raise InputError(f"not a readable .npy ({error})", key="file", allowed="a plain matrix of numbers") from None
+        raise InputError(
+            f"not a readable .npy ({error})", key="file", allowed="needs a plain matrix of numbers"
+        ) from None
     if numbers.dtype.kind not in "uif":
         raise InputError(f"values of type {numbers.dtype}", key="type", allowed="allowed: integer or float")
     require_size(*numbers.shape)

@@ -41,7 +41,7 @@ def read_png(path: Path, pitch_um: Pair | None) -> Stored:
         raise
     except Exception as error:  # Pillow meets broken files with errors of every kind
         raise InputError(
-            f"not a readable PNG ({type(error).__name__})", key="file", allowed="one grey channel of 16 bit"
+            f"not a readable PNG ({type(error).__name__})", key="file", allowed="needs one grey channel of 16 bit"
         ) from None
     if mode not in _TOP_LEVEL:
         raise InputError(f"picture of type {mode}", key="channels", allowed="allowed: one grey channel of 8 or 16 bit")

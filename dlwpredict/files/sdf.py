@@ -22,7 +22,7 @@ def read_sdf(path: Path, pitch_um: Pair | None) -> Stored:
         surface = sdfio.read(path)
     except Exception as error:  # the library meets broken files with errors of every kind
         raise InputError(
-            f"not a readable SDF ({said(error)})", key="file", allowed="ISO-1.0, ISO-2.0, BCR-1.0"
+            f"not a readable SDF ({said(error)})", key="file", allowed="needs ISO-1.0, ISO-2.0 or BCR-1.0"
         ) from None
     heights = surface.header.revision.rules.order_rows(surface.data)  # the library turns BCR upside down
     scale = surface.header.x_scale, surface.header.y_scale

@@ -48,7 +48,7 @@ def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
         raise
     except Exception as error:  # tifffile meets broken files with errors of every kind
         raise InputError(
-            f"not a readable TIFF ({type(error).__name__}: {error})", key="file", allowed="one plane of numbers"
+            f"not a readable TIFF ({type(error).__name__}: {error})", key="file", allowed="needs one plane of numbers"
         ) from None
     lines = parse_lines(description)
     facts = stored_facts(lines)

@@ -38,7 +38,7 @@ def read_x3p(path: Path, pitch_um: Pair | None) -> Stored:
         surface = x3pio.read(archive)
     except Exception as error:  # the library meets broken files with errors of every kind
         raise InputError(
-            f"not a readable x3p ({said(error)})", key="file", allowed="a surface of ISO 25178-72"
+            f"not a readable x3p ({said(error)})", key="file", allowed="needs a surface of ISO 25178-72"
         ) from None
     header = surface.header
     if not isinstance(surface, x3pio.Surface) or len(surface.layers) != 1:

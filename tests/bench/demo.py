@@ -19,7 +19,7 @@ from tests.bench.generations import RIM_UM, without_rim
 
 def line(name: str, text: str, place: Path) -> None:
     """Print one row of the summary."""
-    print(f"  {name:13s} {text:58s} {place}")
+    print(f"  {name:13s} {text:64s} {place}")
 
 
 def off_target(target: HeightMap, print_of: Path) -> str:
@@ -44,9 +44,9 @@ def main(run: Path) -> None:
         left, reached = pre["rmse_um"], pre["reachable"]
         print(part.name.upper())
         angle = f"turned by {pose['rotation_deg']:.2f} ± {pose['uncertainty']['rotation_deg']:.2f}°"
-        line("recording", f"{angle}, {100 * pose['missing_fraction']:.0f} % not measured", part / "aligned.tif")
-        line("print", off_target(target, part / "aligned.tif"), part / "score.png")
-        line("prediction", f"{found['rmse_um']:.3f} off the print, CC {found['cc']:.3f}", part / "predicted.tif")
+        line("recording", f"{angle}, {100 * pose['missing_fraction']:.0f} % not measured", part / "align.yaml")
+        line("print", off_target(target, part / "aligned.tif"), part / "aligned.tif")
+        line("prediction", f"{found['rmse_um']:.3f} off the print, CC {found['cc']:.3f}", part / "score.png")
         text = f"predicted {left['before']:.3f} → {left['after']:.3f} off the target"
         line("correction", f"{text} ({reached['rmse_um']:.3f} away from walls)", part / "corrected.tif")
         line(
