@@ -132,9 +132,7 @@ def _maps(pair: PairMaps, locations: Sequence[Mapping[str, Any]], pixels: int, n
     _frames(axes, locations)
     found.insert(
         1,
-        Picture(
-            uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"
-        ),
+        Picture(uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"),
     )
     return found
 
