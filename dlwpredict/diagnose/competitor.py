@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dlwpredict.diagnose.evidence import prior_rows, stack, unwhitened
 from dlwpredict.diagnose.fit import Fit
@@ -123,7 +123,7 @@ class Beside:
         found = float(np.sum((turn.T @ self.residual[chosen]) ** 2))
         nulls = np.sum((turn.T @ self.draws[chosen]) ** 2, axis=0)
         mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
-        return Energy(found - mean, float(stats.chi2.sf(found * 2 * mean / variance, 2 * mean**2 / variance)))
+        return Energy(found - mean, float(special.chdtrc(2 * mean**2 / variance, max(found * 2 * mean / variance, 0))))
 
     def _directions(self, chosen: np.ndarray | slice) -> np.ndarray:
         """Return the matrix that makes an orthonormal basis of some columns, shape (columns, directions)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms
 from dlwpredict.diagnose.evidence import Whitened
@@ -98,7 +98,7 @@ def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
 
     1 − p, with p corrected for the number of bumps that fit on the map side by side, at all sizes.
     """
-    single = 2 * stats.norm.sf(np.abs(score))
+    single = 2 * special.ndtr(-np.abs(score))
     bumps = np.array([max(used.sum() / (4 * np.pi * s**2), 1.0) for s in SCALES_PX])[:, None, None]
     return np.where(used, 1 - np.minimum(single * bumps * len(SCALES_PX), 1).min(axis=0), 0.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, stats
+from scipy import fft
 
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.screen import Null
@@ -53,7 +53,7 @@ def ripple(fitted: Fit, null: Null) -> Ripple:
         row, col = np.unravel_index(np.argmax(power), power.shape)
         fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um)[row], fft.rfftfreq(used.shape[1], grid.dx_um)[col]
         scale = np.sqrt(6) / np.pi * largest.std(ddof=1)
-        p_value = float(stats.gumbel_r.sf(power[row, col], largest.mean() - np.euler_gamma * scale, scale))
+        p_value = float(-np.expm1(-np.exp(-(power[row, col] - largest.mean()) / scale - np.euler_gamma)))
         angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
         found.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
     best = min(found, key=lambda one: one.p_value)

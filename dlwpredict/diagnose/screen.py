@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack, unwhitened
 from dlwpredict.diagnose.fit import Fit
@@ -80,12 +80,12 @@ class Screen:
 
     def p_value(self, z: float) -> float:
         """Return the probability that noise alone gives any candidate a score this large."""
-        single = 2 * stats.norm.sf(abs(z))
+        single = 2 * special.ndtr(-abs(z))
         return float(-np.expm1(self.trials * np.log1p(-min(single, 1 - 1e-12))))
 
     def threshold(self, level: float = 0.05) -> float:
         """Return the score that noise alone exceeds anywhere with this probability."""
-        return float(stats.norm.isf(-np.expm1(np.log1p(-level) / self.trials) / 2))
+        return float(-special.ndtri(-np.expm1(np.log1p(-level) / self.trials) / 2))
 
 
 def beside(fit_basis: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,5 +135,5 @@ def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> S
 def _trials(largest: np.ndarray) -> float:
     """Return how many independent two-sided tests have maxima distributed like these, by their upper half."""
     levels = np.array([0.5, 0.7, 0.8, 0.9, 0.95])
-    single = 2 * stats.norm.sf(np.quantile(largest, levels))
+    single = 2 * special.ndtr(-np.quantile(largest, levels))
     return float(max(np.median(np.log(levels) / np.log1p(-np.minimum(single, 1 - 1e-9))), 1.0))
