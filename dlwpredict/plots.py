@@ -43,6 +43,14 @@ TINY_UM = 1e-3
 """Ticks of heights below this are written with their own exponents."""
 
 
+def difference_um(test: HeightMap, reference: HeightMap) -> np.ndarray:
+    """Return test − reference on one grid, µm, shape (rows, cols); the mean is taken off where heights are relative."""
+    values = test.heights_um - reference.heights_um
+    if "relative" in (test.height_reference, reference.height_reference) and not np.isnan(values).all():
+        values = values - np.nanmean(values)
+    return values
+
+
 def inside(height_map: HeightMap) -> np.ndarray:
     """Return where the part is, away from walls, shape (rows, cols); all measured points where that leaves too few.
 
@@ -266,7 +274,7 @@ def _sheet(maps: Sequence[tuple[str, HeightMap]], *, caption: str) -> Figure:
     for letter, axes, name, one in zip("abcd", panels, names, shown, strict=False):
         show_map(axes, one, title=f"({letter}) {name}" if columns > 1 else name, limits_um=limits)
     if len(maps) > 1:
-        change = shown[1].heights_um - shown[0].heights_um
+        change = difference_um(shown[1], shown[0])
         limit = difference_limit(np.where(inside(shown[0]), change, np.nan))
         title = f"({'abcd'[columns - 1]}) difference (b) − (a)"
         show_difference(panels[-1], shown[0].with_heights(change), title=title, limit_um=limit)

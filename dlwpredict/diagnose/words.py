@@ -61,8 +61,8 @@ def remainder(found: Diagnosis) -> str:
     wave = found.extended.ripple
     if wave.p_value < LEVEL / 2:
         return (
-            f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in recording {wave.pair}; "
-            "no named effect makes one."
+            f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in "
+            f"{found.recordings[wave.pair].name}; no named effect makes one."
         )
     share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
     return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."

@@ -14,6 +14,7 @@ from dlwpredict.pages.run_folder import DESIGNS, Print, Structure
 from dlwpredict.plots import (
     LINES,
     difference_limit,
+    difference_um,
     height_limits,
     inside,
     round_length,
@@ -155,13 +156,10 @@ def _difference(
 
 
 def difference(test: HeightMap | None, reference: HeightMap | None) -> np.ndarray | None:
-    """Return test − reference, µm, the mean taken off where heights are relative; None where they do not compare."""
+    """Return test − reference, µm, by `difference_um`; None where they do not compare."""
     if test is None or reference is None or not test.same_grid(reference):
         return None
-    values = test.heights_um - reference.heights_um
-    if "relative" in (test.height_reference, reference.height_reference) and not np.isnan(values).all():
-        values = values - np.nanmean(values)
-    return values
+    return difference_um(test, reference)
 
 
 def _differences(pairs: list[tuple[HeightMap | None, HeightMap | None]], target: HeightMap | None) -> list[np.ndarray]:
