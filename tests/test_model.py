@@ -11,7 +11,7 @@ from dlwpredict.model.levels import Levels, _cubic_root
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
-from dlwpredict.process import predict
+from dlwpredict.process import predict, room_px
 from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, blur_turned, gaussian_taps
 
 PITCH = 0.2
@@ -190,6 +190,9 @@ class TestNumericsAgree:
         blocks = predict(part, ParameterSet(), numerics=Voxels(0.2, memory_mb=1))
         np.testing.assert_allclose(blocks.heights_um, whole.heights_um, atol=2e-5)
 
+    def test_a_voxel_is_asked_for_its_dose_at_its_centre(self):
+        np.testing.assert_allclose(Voxels(0.2).centres(3), [0.1, 0.3, 0.5])
+
     def test_levels_do_not_depend_on_tiles(self, monkeypatch):
         part = uneven()
         whole = predict(part, ParameterSet()).heights_um
@@ -228,6 +231,11 @@ class TestPixelsThatAreNotSquare:
         spot[80, 20] = 1
         cloud = Focus(1.0, 1.0, 1.0, 1.0, lag_y_um=1.7).spread(spot, 0.2, 0.5)
         assert cloud.sum(axis=1) @ (80 - np.arange(161)) * 0.5 == pytest.approx(1.7, abs=1e-3)
+
+    def test_the_room_around_a_part_is_five_sigma_along_each_axis(self):
+        part = HeightMap(np.ones((4, 4)), 0.2, 0.5)
+        reach_um = 5 * 0.5 / 2.3548
+        assert room_px(part, ParameterSet()) == [np.ceil(reach_um / 0.5) + 1, np.ceil(reach_um / 0.2) + 1]
 
     def test_both_numerics_agree(self):
         rng = np.random.default_rng(4)
