@@ -1,0 +1,83 @@
+"""What effects ask of a plane, each on a map whose answer is plain: pixels of 0.5 × 0.25 µm."""
+
+import numpy as np
+import pytest
+
+from dlwpredict.effects.plane import (
+    centroid_um,
+    edge_distance_um,
+    field_coordinates,
+    gaussian_um,
+    half_width_um,
+    occupied,
+    pixel_of,
+    resampled,
+    slopes,
+    where_written,
+)
+from dlwpredict.heightmap import HeightMap
+
+GRID = HeightMap(np.zeros((8, 10)), 0.5, 0.25)
+
+
+def part() -> np.ndarray:
+    """Four columns (2 µm) and six rows (1.5 µm), off the middle: columns 1–4, rows 0–5."""
+    footprint = np.zeros(GRID.shape, bool)
+    footprint[0:6, 1:5] = True
+    return footprint
+
+
+def test_the_field_is_counted_from_its_centre_in_units_of_50_um():
+    x, y = field_coordinates(GRID, 10.0, -20.0)
+    np.testing.assert_allclose(x, (GRID.x_um - 10) / 50)
+    np.testing.assert_allclose(y[:, 0], (GRID.y_um + 20) / 50)
+
+
+def test_what_is_not_written_stays_so_and_nothing_lies_below_the_glass():
+    target = GRID.with_heights(np.where(part(), 1.0, 0.0))
+    np.testing.assert_array_equal(where_written(target, np.full(GRID.shape, 2.0)), 2.0 * part())
+    assert not where_written(target, np.full(GRID.shape, -1.0)).any()
+
+
+def test_a_layer_is_occupied_up_to_the_height_itself():
+    target = GRID.with_heights(np.where(part(), 1.0, 0.0))
+    np.testing.assert_array_equal(occupied(target, 1.0), part())
+    assert not occupied(target, 1.01).any()
+    np.testing.assert_array_equal(occupied(target, 0.0), part())
+
+
+def test_slopes_are_per_um_and_y_points_upwards():
+    x, y = np.meshgrid(GRID.x_um, GRID.y_um)
+    right, up = slopes(GRID.with_heights(0.3 * x - 0.7 * y))
+    np.testing.assert_allclose(right, 0.3)
+    np.testing.assert_allclose(up, -0.7)
+
+
+def test_centre_and_half_width_of_a_footprint():
+    assert centroid_um(part(), GRID) == pytest.approx((-1.0, 0.25))
+    assert half_width_um(part(), GRID) == pytest.approx((2.0 + 1.5) / 4)
+
+
+def test_distance_to_the_edge_starts_at_the_edge_of_the_outermost_pixel():
+    """From the pixel's centre to the next free one, less half a pixel; the map's border is an edge."""
+    distance = edge_distance_um(part(), GRID)
+    assert distance[0, 2] == pytest.approx(0.25 - 0.125)
+    assert distance[2, 1] == pytest.approx(0.5 - 0.125)
+    assert distance[2, 2] == pytest.approx(0.75 - 0.125)
+    assert distance[7, 7] == 0
+
+
+def test_a_gaussian_has_its_width_along_both_axes():
+    spot = HeightMap(np.zeros((101, 101)), 0.5, 0.25)
+    plane = np.zeros(spot.shape)
+    plane[50, 50] = 1
+    cloud = gaussian_um(plane, spot, 4.0)
+    assert cloud[50, 54] / cloud[50, 50] == pytest.approx(0.5, rel=1e-3)
+    assert cloud[58, 50] / cloud[50, 50] == pytest.approx(0.5, rel=1e-3)
+
+
+def test_a_place_is_found_by_its_coordinates():
+    x, y = np.meshgrid(GRID.x_um, GRID.y_um)
+    np.testing.assert_allclose(pixel_of(GRID, x, y), np.indices(GRID.shape), atol=1e-12)
+    heights = np.random.default_rng(0).normal(size=GRID.shape)
+    np.testing.assert_allclose(resampled(GRID.with_heights(heights), x, y), heights, atol=1e-9)
