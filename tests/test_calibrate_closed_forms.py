@@ -8,6 +8,7 @@ import pytest
 from dlwpredict.calibrate.descend import _secant, normal_root
 from dlwpredict.calibrate.holdout import _grown, hold_out
 from dlwpredict.calibrate.intervals import Information, _given_back, linear_interval, open_directions, sandwich
+from dlwpredict.calibrate.loss import Huber
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.profile import _allowed_rise
 from dlwpredict.calibrate.recordings import Recording, coarser, prepare, with_nuisances
@@ -158,3 +159,11 @@ class TestDescent:
         old, new = (replace(place(rng.normal(size=60)), vector=np.array([value])) for value in (0.9, 1.0))
         (found,) = _secant(FREE, [rng.normal(size=(60, 1))], old, new)
         np.testing.assert_allclose(found @ (new.vector - old.vector), old.residuals[0] - new.residuals[0], atol=1e-12)
+
+
+def test_a_spike_costs_a_straight_line():
+    """2cσ|r| − c²σ² from c = 3 standard deviations on, and the weight cσ/|r|; one curve, without a jump."""
+    loss = Huber(0.02)
+    assert loss.cost(np.array([0.2])) == pytest.approx((2 * 3 * 10 - 9) * 0.02**2)
+    assert loss.cost(np.array([0.06 + 1e-9])) == pytest.approx(0.06**2, rel=1e-6)
+    assert loss.weights(np.array([0.2, -0.2])) == pytest.approx([0.3, 0.3])

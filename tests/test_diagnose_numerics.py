@@ -10,7 +10,7 @@ from dlwpredict.calibrate.recordings import prepare
 from dlwpredict.diagnose.baseline import discretisation_um, on_own_pixels
 from dlwpredict.diagnose.candidates import candidates
 from dlwpredict.diagnose.competitor import Beside
-from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, width_rows
+from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, unwhitened, width_rows
 from dlwpredict.diagnose.fit import bare, fit
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch, scores
@@ -286,3 +286,11 @@ def test_the_change_on_finer_pixels_is_taken_where_the_fit_is():
     assert moved.chi2 < begun.chi2 - 1
     assert errors[1] < errors[0]
     assert errors[1] < 3 * np.sqrt(moved.covariance()[place, place])
+
+
+def test_whitening_is_undone(holes):
+    """In raster order every point stands on those before it, so that the way back is a solve from the top."""
+    whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
+    values = np.random.default_rng(6).normal(size=(holes.sum(), 2))
+    data = [SimpleNamespace(matrix=whitener, recording=SimpleNamespace(points=holes.sum()))]
+    np.testing.assert_allclose(unwhitened(data, whitener @ values)[0], values, atol=1e-9)

@@ -345,11 +345,12 @@ class TestSurface:
             assert bent[bent > 0][-1] - TOP == pytest.approx(0.3, rel=0.03)
             assert bent[120] - TOP == pytest.approx(0, abs=1e-3)
 
-    def test_curl_follows_the_footprint_away_from_the_centre(self):
+    @pytest.mark.parametrize("axis", [0, 1])
+    def test_curl_follows_the_footprint_away_from_the_centre(self, axis):
         target = pad(8.0, 24.0, pitch=0.2)
-        moved = target.with_heights(np.roll(target.heights_um, 25, axis=1))
+        moved = target.with_heights(np.roll(target.heights_um, 25, axis))
         bend = effect("curl", rise_um=0.3)
-        np.testing.assert_allclose(measured(moved, bend), np.roll(measured(target, bend), 25, axis=1), atol=1e-12)
+        np.testing.assert_allclose(measured(moved, bend), np.roll(measured(target, bend), 25, axis), atol=1e-12)
 
     def test_lateral_shrinkage_draws_each_height_by_its_own_share(self):
         """h′(x′(x)) = h(x) on a gentle hill."""

@@ -88,6 +88,7 @@ class TestEstimate:
         values[rng.random(values.shape) < 0.005] += 3.0
         found = estimate([values], np.ones(values.shape, dtype=bool), MODEL.dx_um, MODEL.dy_um)
         assert found.correlated_um == pytest.approx(MODEL.correlated_um, rel=0.2)
+        assert found.sigma_um == pytest.approx(MODEL.sigma_um, rel=0.15)
 
     def test_unmeasured_pixels_are_not_looked_at(self):
         values = MODEL.simulate((60, 60), np.random.default_rng(6))
