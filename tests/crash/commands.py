@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict import designs
-from dlwpredict.cli.app import app
+from dlwpredict.cli.commands import NAMES
 from dlwpredict.files import write_height_map
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import Paper, ParameterSet
@@ -39,7 +39,7 @@ OTHERS = {"batch", "report"}
 
 def commands() -> set[str]:
     """Return the names of all commands of the program."""
-    return {c.name for c in app.registered_commands} | {g.name for g in app.registered_groups}
+    return set(NAMES)
 
 
 def inputs(folder: Path) -> None:
