@@ -6,7 +6,8 @@ import pytest
 from dlwpredict import designs
 from dlwpredict.align.fill import fill, inside_hull
 from dlwpredict.align.level import find_plane, substrate
-from dlwpredict.align.pose import Pose
+from dlwpredict.align.plane import plane_columns, robust_fit
+from dlwpredict.align.pose import Pose, rotation_matrix
 from dlwpredict.align.resample import prepared, resample
 from dlwpredict.align.spikes import suspected_spikes
 from dlwpredict.align.uncertainty import block_covariance
@@ -17,6 +18,15 @@ def test_pose_and_its_inverse_agree_also_with_shear_and_bow():
     pose = Pose((3.0, -2.0), ((0.9, -0.3), (0.35, 1.1)), ((0.2, 0.1, -0.1), (0.0, 0.3, 0.2)), (20.0, 15.0))
     x, y = np.meshgrid(np.linspace(-20, 20, 7), np.linspace(-15, 15, 5))
     np.testing.assert_allclose(pose.to_target(*pose.to_recording(x, y)), (x, y), atol=1e-8)
+
+
+def test_a_pose_is_told_by_the_figures_it_was_made_of():
+    """R(rotation)·[[1, shear], [0, 1]]·diag(scale)."""
+    matrix = rotation_matrix(30.0) @ [[1, 0.02], [0, 1]] @ np.diag([0.9, 1.2])
+    pose = Pose((1.0, 2.0), tuple(map(tuple, matrix)))
+    assert pose.rotation_deg == pytest.approx(30)
+    assert pose.scale == pytest.approx((0.9, 1.2))
+    assert pose.shear == pytest.approx(0.02)
 
 
 def test_pose_derivatives_match_differences():
@@ -96,3 +106,22 @@ def test_block_errors_hold_when_neighbours_err_together():
         claimed.append(block_covariance(columns, np.ones(1600), values - mean, blocks)[0][0, 0])
     assert np.sqrt(np.mean(claimed)) == pytest.approx(np.std(found), rel=0.15)
     assert np.std(found) == pytest.approx(1 / 8, rel=0.15)
+
+
+@pytest.mark.parametrize(("share", "size_um"), [(0.2, 0.2), (0.4, 5.0)])
+def test_a_plane_is_found_beside_many_outliers_on_one_side(share, size_um):
+    """Few near ones that a wide cut would let in, and many far ones that would spoil a least-squares start."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-10, 10, (2, 4000))
+    values = 0.7 + 0.01 * x - 0.02 * y + 0.01 * rng.normal(size=4000)
+    values += np.where(rng.random(4000) < share, size_um, 0.0)
+    found, _ = robust_fit(plane_columns(x, y), values)
+    np.testing.assert_allclose(found, [0.7, 0.01, -0.02], atol=2e-3)
+
+
+def test_substrate_is_bare_ground_a_margin_away_in_um():
+    heights = np.zeros((21, 21))
+    heights[10, 10] = 1.0
+    bare = substrate(HeightMap(heights, 0.5, 0.25), 1.5)
+    assert np.flatnonzero(~bare[10]).tolist() == [8, 9, 10, 11, 12]  # less than 3 pixels of 0.5 µm
+    assert np.flatnonzero(~bare[:, 10]).tolist() == list(range(5, 16))  # less than 6 pixels of 0.25 µm

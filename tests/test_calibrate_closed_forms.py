@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dlwpredict.calibrate.descend import _secant, normal_root
+from dlwpredict.calibrate.descend import _secant, bounded_step, normal_root
 from dlwpredict.calibrate.holdout import _grown, hold_out
 from dlwpredict.calibrate.intervals import Information, _given_back, linear_interval, open_directions, sandwich
 from dlwpredict.calibrate.loss import Huber
@@ -153,6 +153,13 @@ class TestDescent:
         root, right = normal_root([jacobian], place(residual, weights))
         np.testing.assert_allclose(root.T @ root, jacobian.T @ (weights[:, None] * jacobian), atol=1e-12)
         np.testing.assert_allclose(root.T @ right, jacobian.T @ (weights * residual), atol=1e-12)
+
+    def test_on_the_border_both_height_factors_move_as_one(self):
+        """The nearest place to (1.1, 0.9) with κ_min ≤ κ_max is (1, 1)."""
+        free = choose(ParameterSet(), free=("shrinkage_min", "shrinkage_max"))
+        here, wanted = np.array([0.7, 0.95]), np.array([1.1, 0.9])
+        step = bounded_step(free, here, (free.low, free.high), np.eye(2), wanted - here, damping=0.0)
+        np.testing.assert_allclose(here + step, 1.0, atol=1e-9)
 
     def test_an_updated_jacobian_explains_the_last_step(self):
         rng = np.random.default_rng(1)
