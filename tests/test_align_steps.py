@@ -66,6 +66,17 @@ def test_a_finer_recording_is_averaged():
     np.testing.assert_allclose(laid.heights_um, 0.5, atol=1e-9)
 
 
+@pytest.mark.parametrize(("lost", "kept"), [(1, True), (3, False)])
+def test_a_pixel_needs_half_of_it_inside_what_was_measured(lost, kept):
+    """Of the first target pixel's four columns some lie outside the hull."""
+    hull = np.ones((40, 40), bool)
+    hull[:, :lost] = False
+    surface = prepared(HeightMap(np.ones((40, 40)), 0.25, 0.25), hull)
+    laid = resample(surface, hull, HeightMap(np.zeros((10, 10)), 1.0, 1.0), Pose.rigid((0, 0), 0.0))
+    assert np.isfinite(laid.heights_um[:, 0]).all() == kept
+    assert np.isfinite(laid.heights_um[:, 1:]).all()
+
+
 def test_points_outside_the_recording_stay_empty():
     target = HeightMap(np.zeros((20, 20)), 1.0, 1.0)
     surface = prepared(HeightMap(np.ones((10, 10)), 1.0, 1.0), np.ones((10, 10), bool))
