@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
+from dlwpredict.align import align
 from dlwpredict.align.fill import fill, inside_hull
 from dlwpredict.align.level import find_plane, substrate
 from dlwpredict.align.plane import plane_columns, robust_fit
@@ -136,3 +137,15 @@ def test_substrate_is_bare_ground_a_margin_away_in_um():
     bare = substrate(HeightMap(heights, 0.5, 0.25), 1.5)
     assert np.flatnonzero(~bare[10]).tolist() == [8, 9, 10, 11, 12]  # less than 3 pixels of 0.5 µm
     assert np.flatnonzero(~bare[:, 10]).tolist() == list(range(5, 16))  # less than 6 pixels of 0.25 µm
+
+
+def test_offset_and_tilt_are_told_at_the_recordings_centre():
+    """The plane 2 µm + 20 mrad·x over a recording in which the part lies 4 µm aside and turned."""
+    target = designs.f(size_um=20.0, pitch_um=0.5, margin_um=4.0)
+    wide = np.pad(target.heights_um, ((8, 8), (16, 0)))  # the part's centre lies at x = +4 µm
+    grid = HeightMap(np.rot90(wide), 0.5, 0.5)  # and after the turn at y = +4 µm
+    x, y = np.meshgrid(grid.x_um, grid.y_um)
+    found = align(grid.with_heights(grid.heights_um + 2.0 + 0.02 * x - 0.01 * y), target, distortion="rigid")
+    np.testing.assert_allclose(found.pose.shift_um, (0.0, 4.0), atol=0.01)
+    np.testing.assert_allclose(found.tilt_mrad, (20.0, -10.0), atol=0.05)
+    assert found.offset_um == pytest.approx(2.0, abs=2e-3)

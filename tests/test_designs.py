@@ -133,7 +133,7 @@ def test_air_has_the_roughness_of_a_uniform_distribution():
 def test_air_abbott_curve_is_a_straight_line():
     ordered = np.sort(part_of(air(pitch_um=0.5)), axis=None)
     line = 9 + 2.46 * (np.arange(ordered.size) + 0.5) / ordered.size
-    assert np.allclose(ordered, line, atol=1e-12)
+    np.testing.assert_allclose(ordered, line, rtol=0, atol=1e-12)
 
 
 def test_air_autocorrelation_falls_to_1_over_e_at_the_correlation_length():
@@ -236,6 +236,13 @@ def test_gratings_vary_along_x_and_turn_counter_clockwise():
     assert np.ptp(along_x, axis=0).max() < 1e-12 < np.ptp(along_x, axis=1).min()
     assert np.allclose(part_of(grating(sinus=True, angle_deg=90)), np.rot90(part_of(grating(sinus=True))), atol=1e-9)
     assert np.allclose(part_of(blaze(angle_deg=90)), np.rot90(part_of(blaze())), atol=1e-9)
+
+
+def test_the_first_tooth_of_a_blaze_starts_at_the_left_edge():
+    """Also where the footprint is no whole number of periods: 50 µm of 4 µm, the first pixel half a pixel in."""
+    row = part_of(blaze(period_um=4.0, height_um=1.0, pitch_um=0.2))[0]
+    assert row[0] - 3.0 == pytest.approx(0.1 / 4)
+    assert row[19] - 3.0 == pytest.approx(3.9 / 4) and row[20] - 3.0 == pytest.approx(0.1 / 4)
 
 
 def test_blaze_rises_with_x_and_falls_at_once():

@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import formats
@@ -122,3 +124,25 @@ def test_the_mask_of_filled_points_survives_in_tiff_only(tmp_path_factory, data)
     assert np.array_equal(back.measured, ~filled)
     remarks = write_height_map(folder / "map.csv", marked)
     assert bool(remarks) == filled.any()
+
+
+def test_a_gsf_that_names_no_units_is_in_metres(tmp_path):
+    """So says the format's specification; Gwyddion writes it so where units are metres."""
+    head = b"Gwyddion Simple Field 1.0\nXRes = 3\nYRes = 2\nXReal = 6e-6\nYReal = 1e-6\n"
+    heights = np.arange(6, dtype="<f4") * np.float32(1e-6)
+    (tmp_path / "a.gsf").write_bytes(head + b"\0" * (4 - len(head) % 4) + heights.tobytes())
+    found = read_height_map(tmp_path / "a.gsf")
+    assert (found.dx_um, found.dy_um) == pytest.approx((2.0, 0.5))
+    np.testing.assert_allclose(found.heights_um, np.arange(6).reshape(2, 3), rtol=1e-6)
+
+
+def test_a_png_of_gwyddion_has_the_pitch_of_its_size(tmp_path):
+    """Size in metres over pixels: 3 columns over 6 µm, 2 rows over 1 µm; levels from ZMin to ZMax."""
+    info = PngInfo()
+    for key, value in {"XReal": "6e-6", "YReal": "1e-6", "ZMin": "1e-6", "ZMax": "3e-6"}.items():
+        info.add_text(f"Gwy::{key}", value)
+    levels = np.array([[0, 65535, 0], [0, 0, 65535]], dtype=np.uint16)
+    Image.fromarray(levels).save(tmp_path / "a.png", pnginfo=info)
+    found = read_height_map(tmp_path / "a.png")
+    assert (found.dx_um, found.dy_um) == pytest.approx((2.0, 0.5))
+    np.testing.assert_allclose(found.heights_um, [[1, 3, 1], [1, 1, 3]])

@@ -168,3 +168,10 @@ def test_filling():
     for how in ("mean", "nan", "inf"):
         with pytest.raises(InputError, match=r"--fill: found .*, allowed: zero, nearest, or a height"):
             fill_missing(part, how)
+
+
+def test_a_corner_is_cut_at_the_mean_of_its_two_neighbours():
+    """Of four pixels one is not written: the surface ends half-way between the two beside it, at their mean height."""
+    solid = solid_of(HeightMap([[1.0, 2.0], [5.0, 0.0]], 1.0, 1.0))
+    middle = solid.vertices_um[(np.abs(solid.vertices_um[:, :2] - 0.5) < 1e-9).all(axis=1)]
+    assert sorted(middle[:, 2].tolist()) == pytest.approx([0.0, 3.5])

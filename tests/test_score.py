@@ -232,3 +232,11 @@ def test_the_same_picture_has_the_same_bytes(tmp_path, ending):
         plots.save(tmp_path / f"{name}.{ending}", plots.comparison(target, target), dpi=50)
     first, second = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("first", "second"))
     assert first == second
+
+
+def test_linearity_is_the_largest_distance_on_either_side():
+    """Of y = 2x − x² from its regression over 0 to 1: −(x² − x + 1/6), which is −1/6 at both ends and +1/12 between."""
+    x = (np.arange(20001) + 0.5) / 20001
+    alpha, linearity = response(x, 2 * x - x**2, 0.0, 1.0)
+    assert alpha == pytest.approx(1, abs=1e-6)
+    assert linearity == pytest.approx(1 / 6, abs=1e-3)
