@@ -18,7 +18,7 @@ from dlwpredict.process import predict
 from dlwpredict.tiling import large
 from dlwpredict.tiling.expose import Canvas
 from dlwpredict.tiling.large import Large, canvas_of, tile_side_px
-from dlwpredict.tiling.reach import LOCAL, REACH_UM, WHOLE, check_tileable
+from dlwpredict.tiling.reach import LOCAL, REACH_UM, WHOLE, check_tileable, halo_um
 from dlwpredict.tiling.window import Tile, tiles
 
 TOLERANCE_UM = 1e-4
@@ -115,6 +115,27 @@ def test_tiles_cover_the_map_once():
         covered[tile.slices] += 1
         assert max(tile.shape) <= 20
     assert (covered == 1).all()
+
+
+def test_a_halo_begins_on_the_grid_of_pixels_taken_together_and_ends_with_the_map():
+    grown = Tile(10, 20, 13, 20).grown((3, 5), (22, 40), (4, 3))
+    assert grown == Tile(4, 22, 6, 25)
+    assert Tile(1, 20, 2, 20).grown((3, 5), (40, 40), (4, 3)) == Tile(0, 23, 0, 25)
+
+
+@pytest.mark.parametrize(
+    ("named", "further_um"),
+    [
+        (("dose-memory", {"gain": 0.1, "length_um": 3.0}), (0.0, 24.0)),
+        (("line-end-pileup", {"gain": 0.1, "length_um": 3.0}), (24.0, 0.0)),
+        (("edge-inhibition", {"gain": 0.1, "fwhm_um": 2.3548}), (5.0, 5.0)),
+        (("vignetting", {"strength": 0.1}), (0.0, 0.0)),
+    ],
+)
+def test_memory_reaches_along_the_hatch_and_line_ends_along_the_lines(named, further_um):
+    """Eight lengths of an exponential, five standard deviations of a Gaussian; (y, x)."""
+    plain, with_it = halo_um(PROCESSES["paper"]), halo_um(ParameterSet(paper=PAPER, effects=effects(named)))
+    np.testing.assert_allclose(np.subtract(with_it, plain), further_um, atol=1e-3)
 
 
 def test_every_effect_is_placed():
