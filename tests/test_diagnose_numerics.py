@@ -14,7 +14,7 @@ from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, g
 from dlwpredict.diagnose.fit import bare, fit
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch, scores
-from dlwpredict.diagnose.noise_fit import estimate
+from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.screen import Null, Screen, beside, screen
 from dlwpredict.effects import library
@@ -294,3 +294,9 @@ def test_whitening_is_undone(holes):
     values = np.random.default_rng(6).normal(size=(holes.sum(), 2))
     data = [SimpleNamespace(matrix=whitener, recording=SimpleNamespace(points=holes.sum()))]
     np.testing.assert_allclose(unwhitened(data, whitener @ values)[0], values, atol=1e-9)
+
+
+def test_a_place_is_a_share_a_length_and_a_scale():
+    """Three quarters of the variance 0.01 are correlated over 2 µm."""
+    model = _at(NOISE, np.array([np.log(3.0), np.log(2.0), np.log(0.1)]))
+    assert (model.white_um, model.correlated_um, model.length_um) == pytest.approx((0.05, 0.1 * np.sqrt(0.75), 2.0))

@@ -17,7 +17,7 @@ from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
 from dlwpredict.tiling import large
 from dlwpredict.tiling.expose import Canvas
-from dlwpredict.tiling.large import Large, canvas_of, tile_side_px
+from dlwpredict.tiling.large import Large, canvas_of, halo_px, tile_side_px
 from dlwpredict.tiling.reach import LOCAL, REACH_UM, WHOLE, check_tileable, halo_um
 from dlwpredict.tiling.window import Tile, tiles
 
@@ -127,6 +127,7 @@ def test_a_halo_begins_on_the_grid_of_pixels_taken_together_and_ends_with_the_ma
     ("named", "further_um"),
     [
         (("dose-memory", {"gain": 0.1, "length_um": 3.0}), (0.0, 24.0)),
+        (("dose-memory", {"gain": 0.1, "length_um": 3.0, "conversion": 1.0}), (0.0, 48.0)),
         (("line-end-pileup", {"gain": 0.1, "length_um": 3.0}), (24.0, 0.0)),
         (("edge-inhibition", {"gain": 0.1, "fwhm_um": 2.3548}), (5.0, 5.0)),
         (("vignetting", {"strength": 0.1}), (0.0, 0.0)),
@@ -136,6 +137,11 @@ def test_memory_reaches_along_the_hatch_and_line_ends_along_the_lines(named, fur
     """Eight lengths of an exponential, five standard deviations of a Gaussian; (y, x)."""
     plain, with_it = halo_um(PROCESSES["paper"]), halo_um(ParameterSet(paper=PAPER, effects=effects(named)))
     np.testing.assert_allclose(np.subtract(with_it, plain), further_um, atol=1e-3)
+
+
+def test_a_halo_in_pixels_follows_the_pitch_of_its_axis():
+    canvas = Canvas(None, (100, 100), 0.1, 0.5, (0, 0))
+    assert halo_px(canvas, (5.0, 1.0)) == (10 + 2, 10 + 2)
 
 
 def test_every_effect_is_placed():
