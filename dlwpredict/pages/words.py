@@ -34,16 +34,23 @@ def verdict(content: Mapping[str, Any]) -> str:
 
 
 def recording(content: Mapping[str, Any], pair: int) -> str:
-    """Return the file name of a pair's recording, or its number in diagnosis.yaml where the names are not known.
+    """Return what a pair's recording is called: its file name, its path where others have that name too.
+
+    Its number in diagnosis.yaml where the names are not known.
 
     Examples
     --------
     >>> recording({"recordings": ["scans/air.tif"]}, 0), recording({}, 0)
     ('air.tif', 'pair 0')
+    >>> recording({"recordings": ["a/aligned.tif", "b/aligned.tif"]}, 1)
+    'b/aligned.tif'
     """
     names = content.get("recordings")
-    known = isinstance(names, list) and 0 <= pair < len(names)
-    return PurePath(str(names[pair])).name if known else f"pair {pair}"
+    if not (isinstance(names, list) and 0 <= pair < len(names)):
+        return f"pair {pair}"
+    own = PurePath(str(names[pair])).name
+    alike = sum(PurePath(str(name)).name == own for name in names)
+    return own if alike == 1 else str(names[pair])
 
 
 def left_out(rmse_um: Mapping[str, float | None]) -> str:
