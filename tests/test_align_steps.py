@@ -125,10 +125,10 @@ def test_a_plane_is_found_beside_many_outliers_on_one_side(share, size_um):
     """Few near ones that a wide cut would let in, and many far ones that would spoil a least-squares start."""
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-10, 10, (2, 4000))
-    values = 0.7 + 0.01 * x - 0.02 * y + 0.01 * rng.normal(size=4000)
+    values = 7.0 + 0.01 * x - 0.02 * y + 0.01 * rng.normal(size=4000)
     values += np.where(rng.random(4000) < share, size_um, 0.0)
     found, _ = robust_fit(plane_columns(x, y), values)
-    np.testing.assert_allclose(found, [0.7, 0.01, -0.02], atol=2e-3)
+    np.testing.assert_allclose(found, [7.0, 0.01, -0.02], atol=2e-3)
 
 
 def test_substrate_is_bare_ground_a_margin_away_in_um():
