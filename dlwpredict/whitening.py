@@ -4,6 +4,10 @@ Pixels are taken in raster order. Given its measured predecessors n in a fixed n
 mean b·ε_n with b = C_nn⁻¹ c_in and variance v = C_ii − c_in·b. The rows (ε_i − b·ε_n)/√v are nearly independent with
 variance 1. They form a sparse matrix W with WᵀW ≈ C⁻¹ on the measured points alone: nothing is filled in, and no border
 is wrapped round.
+
+Where noise is stronger on slopes, values are divided by how much so before. Offsets R·u of whole rows and columns reach
+too far for neighbours. They are added in closed form: with A = W·R, (I + A·Aᵀ)^(−1/2)·W whitens C + R·Rᵀ, and the
+symmetric root differs from I on the few columns of A alone.
 """
 
 from __future__ import annotations
@@ -13,8 +17,9 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import spsolve_triangular
 
-from dlwpredict.noise import Noise, matern
+from dlwpredict.noise import Noise, Uneven, matern
 
 NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
 """Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones."""
@@ -128,6 +133,73 @@ class Neighbourhood:
         rows = np.concatenate([self.own, at])
         cols = np.concatenate([self.own, self.index[at, place]])
         return sparse.csr_array((entries, (rows, cols)), shape=(points, points))
+
+
+def lines(used: np.ndarray, axis: int) -> sparse.csr_array:
+    """Return which row (axis 0) or column (axis 1) of a map a measured point lies on, shape (points, lines)."""
+    place = np.nonzero(used)[axis]
+    return sparse.csr_array((np.ones(len(place)), (np.arange(len(place)), place)), shape=(len(place), used.shape[axis]))
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """What turns values at the measured points of a map into independent ones of variance 1.
+
+    Parameters
+    ----------
+    near : scipy.sparse.csr_array, shape (points, points)
+        W, of the noise without offsets of lines.
+    offsets : scipy.sparse.csr_array, shape (points, lines)
+        A = W·R, the whitened offsets of rows and columns, one standard deviation each.
+    shrink, grow : numpy.ndarray, shape (lines, lines)
+        (I + A·Aᵀ)^(−1/2) = I − A·shrink·Aᵀ, and its inverse I + A·grow·Aᵀ.
+
+    Examples
+    --------
+    >>> noise = Uneven(Noise(1.0, 0.0, 1.0, 1.0, 1.0), row_um=2.0)
+    >>> whitener = Whitener.of(np.ones((3, 4), dtype=bool), noise)
+    >>> round(float(np.linalg.norm(whitener @ np.ones(12))), 6)  # √12 / √(1 + 4·2²)
+    0.840168
+    """
+
+    near: sparse.csr_array
+    offsets: sparse.csr_array
+    shrink: np.ndarray
+    grow: np.ndarray
+
+    @classmethod
+    def of(cls, used: np.ndarray, noise: Uneven, slope: np.ndarray | float = 0.0) -> Whitener:
+        """Build the whitener of a noise on the measured points of a map (rows, cols) of this slope."""
+        near = Neighbourhood.of(used, noise.even.dx_um, noise.even.dy_um).whitener(noise.even)
+        if noise.jitter_um:
+            scale = np.broadcast_to(noise.scale(slope), used.shape)[used]
+            near = sparse.csr_array(near @ sparse.diags_array(1 / scale))
+        sizes = [(axis, size) for axis, size in enumerate((noise.row_um, noise.column_um)) if size > 0]
+        if not sizes:
+            return cls(near, sparse.csr_array((near.shape[0], 1)), np.zeros((1, 1)), np.zeros((1, 1)))
+        offsets = sparse.csr_array(near @ sparse.hstack([size * lines(used, axis) for axis, size in sizes]))
+        energies, turn = np.linalg.eigh((offsets.T @ offsets).toarray())
+        real = energies > 1e-12 * energies[-1]
+        energies, turn = energies[real], turn[:, real]
+        root = np.sqrt(1 + energies)
+        shrink, grow = ((turn * (change / energies)) @ turn.T for change in (1 - 1 / root, root - 1))
+        return cls(near, offsets, shrink, grow)
+
+    def __matmul__(self, values: np.ndarray) -> np.ndarray:
+        """Whiten values (points, ...)."""
+        white = self.near @ values
+        return white - self._along(white, self.shrink)
+
+    def transposed(self, white: np.ndarray) -> np.ndarray:
+        """Return the transpose × values (points, ...)."""
+        return self.near.T @ (white - self._along(white, self.shrink))
+
+    def solve(self, white: np.ndarray) -> np.ndarray:
+        """Return the values (points, ...) that become these."""
+        return spsolve_triangular(self.near, white + self._along(white, self.grow), lower=True)
+
+    def _along(self, white: np.ndarray, inner: np.ndarray) -> np.ndarray | float:
+        return self.offsets @ (inner @ (self.offsets.T @ white)) if inner.any() else 0.0
 
 
 def _offsets(near_px: int, far_px: tuple[int, ...]) -> np.ndarray:

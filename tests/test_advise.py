@@ -30,7 +30,7 @@ from dlwpredict.effects import library
 from dlwpredict.files import read_height_map
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.noise import Noise, Uneven
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 
@@ -46,7 +46,7 @@ def fitted(noise_um):
     recording = target.with_heights(
         predict(target, TRUTH).heights_um + noise.simulate(target.shape, np.random.default_rng(0))
     )
-    data = [Whitened.of(bare(prepare(target, recording, name="air.tif")), noise, np.zeros(target.shape))]
+    data = [Whitened.of(bare(prepare(target, recording, name="air.tif")), Uneven(noise), np.zeros(target.shape))]
     return fit(data, choose(TRUTH), iterations=2)
 
 

@@ -20,11 +20,11 @@ from dlwpredict.diagnose.screen import Null, Screen, beside, screen
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.noise import Noise, Uneven, matern
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.smoothing import block_mean
-from dlwpredict.whitening import Neighbourhood
+from dlwpredict.whitening import Neighbourhood, Whitener
 
 NOISE = Noise(0.005, 0.02, 1.0, 0.4, 0.4)
 
@@ -45,6 +45,52 @@ def test_whitened_noise_is_white(holes):
     assert abs(neighbours) < 0.02
 
 
+UNEVEN = Uneven(NOISE, jitter_um=0.03, power=1.0, row_um=0.008, column_um=0.004)
+
+
+def test_uneven_noise_has_the_covariance_that_it_says():
+    """S C S + σ_r²·[same row] + σ_l²·[same column], by the whitener and by draws."""
+    used = np.ones((9, 11), dtype=bool)
+    used[3:5, 4:6] = False
+    slope = np.random.default_rng(0).random(used.shape) * 2
+    row, col = np.nonzero(used)
+    distance = 0.4 * np.hypot(np.subtract.outer(row, row), np.subtract.outer(col, col))
+    scale = 1 + 0.03 * slope[used] / NOISE.sigma_um
+    covariance = scale * scale[:, None] * (0.02**2 * matern(distance, 1.0) + 0.005**2 * np.eye(len(row)))
+    covariance += 0.008**2 * (row == row[:, None]) + 0.004**2 * (col == col[:, None])
+    whitener = Whitener.of(used, UNEVEN, slope)
+    matrix = whitener @ np.eye(len(row))
+    np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(len(row)), atol=0.03)
+    np.testing.assert_allclose(whitener.transposed(np.eye(len(row))), matrix.T, atol=1e-9)
+    rng = np.random.default_rng(1)
+    draws = np.stack([UNEVEN.simulate(used.shape, rng, slope)[used] for _ in range(4000)])
+    np.testing.assert_allclose(np.cov(draws.T), covariance, atol=0.1 * covariance.max())
+
+
+def test_uneven_noise_is_recognised_and_even_noise_is_not_called_so():
+    used, rng = np.ones((80, 80), dtype=bool), np.random.default_rng(5)
+    used[30:33] = False
+    y, x = np.mgrid[:80, :80] / 80
+    level = np.stack([np.ones(x.shape), x, y])
+    slope = 2 * np.abs(np.sin(6 * x) * np.sin(5 * y))
+
+    def found(noise: Uneven) -> Uneven:
+        values = noise.simulate(used.shape, rng, slope)
+        return estimate(values, used, (0.4, 0.4), level, slope=slope, seed=1).model
+
+    even = Noise(0.004, 0.012, 1.0, 0.4, 0.4)
+    assert all(vars(found(Uneven(even)))[name] == 0 for name in ("jitter_um", "row_um", "column_um"))
+    jitter, rows, columns = (
+        found(Uneven(even, **one)) for one in ({"jitter_um": 0.02}, {"row_um": 0.004}, {"column_um": 0.004})
+    )
+    assert (jitter.jitter_um, jitter.power) == (pytest.approx(0.02, rel=0.15), 2.0)
+    assert (jitter.row_um, jitter.column_um) == (0, 0)
+    assert rows.row_um == pytest.approx(0.004, rel=0.3) and rows.column_um == 0
+    assert columns.column_um == pytest.approx(0.004, rel=0.3) and columns.row_um == 0
+    for one in (jitter, rows, columns):
+        assert one.even.sigma_um == pytest.approx(even.sigma_um, rel=0.12)
+
+
 def test_whitening_does_not_look_at_what_was_not_measured(holes):
     whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
     assert whitener.shape == (holes.sum(), holes.sum())
@@ -59,8 +105,8 @@ def test_noise_beside_model_error_is_recovered(holes):
         estimate(NOISE.simulate(holes.shape, rng) + 0.2 * waves[5], holes, (0.4, 0.4), waves, seed=k).model
         for k in range(2)
     ]
-    assert np.median([n.correlated_um for n in found]) == pytest.approx(0.02, rel=0.2)
-    assert np.median([n.length_um for n in found]) == pytest.approx(1.0, rel=0.25)
+    assert np.median([n.even.correlated_um for n in found]) == pytest.approx(0.02, rel=0.2)
+    assert np.median([n.even.length_um for n in found]) == pytest.approx(1.0, rel=0.25)
 
 
 def test_small_shift_is_followed_to_second_order():
@@ -97,7 +143,7 @@ def test_fit_in_whitened_space_recovers_parameters_and_shift():
     printed = predict(target, ParameterSet(paper=truth)).heights_um
     moved = shifted(printed, target, (0.06, -0.04))
     recording = target.with_heights(moved + noise.simulate(target.shape, np.random.default_rng(3)))
-    data = [Whitened.of(bare(prepare(target, recording)), noise, np.zeros(target.shape))]
+    data = [Whitened.of(bare(prepare(target, recording)), Uneven(noise), np.zeros(target.shape))]
     found = fit(data, choose(ParameterSet()), iterations=15)
     assert found.data[0].shift_um == pytest.approx((0.06, -0.04), abs=0.01)
     error = (found.point.vector - np.array(list(vars(truth).values()))) / np.sqrt(np.diag(found.covariance()))
@@ -112,7 +158,7 @@ def test_spikes_have_no_say_in_the_noise(holes):
     values[40:44, 50:54] += 1.0
     dirty = estimate(values, holes, (0.4, 0.4), level).model
     assert dirty.sigma_um == pytest.approx(clean.sigma_um, rel=0.1)
-    assert dirty.length_um == pytest.approx(clean.length_um, rel=0.15)
+    assert dirty.even.length_um == pytest.approx(clean.even.length_um, rel=0.15)
 
 
 def test_kind_of_correlation_is_recognised():
@@ -120,8 +166,8 @@ def test_kind_of_correlation_is_recognised():
     for kind in (1.5, np.inf):
         noise = Noise(0.004, 0.015, 1.2, 0.4, 0.4, kind)
         found = estimate(noise.simulate(used.shape, rng), used, (0.4, 0.4), level).model
-        assert found.smoothness == kind
-        assert found.length_um == pytest.approx(1.2, rel=0.25)
+        assert found.even.smoothness == kind
+        assert found.even.length_um == pytest.approx(1.2, rel=0.25)
 
 
 @pytest.fixture
@@ -165,7 +211,7 @@ def test_bump_is_located(holes):
     noise = NOISE
     grid = HeightMap(np.ones(holes.shape), 0.4, 0.4)
     recording = prepare(grid, grid.with_heights(np.where(holes, 1.0, np.nan)), wall_px=0)
-    item = Whitened.of(bare(recording), noise, np.zeros(grid.shape))
+    item = Whitened.of(bare(recording), Uneven(noise), np.zeros(grid.shape))
     used = recording.used
     rows, cols = np.mgrid[: used.shape[0], : used.shape[1]]
     bump = 0.12 * np.exp(-((rows - 45) ** 2 + (cols - 50) ** 2) / (2 * 2.5**2))
@@ -212,13 +258,13 @@ class TestScreen:
 def test_a_strength_that_is_not_physical_scores_nothing():
     grid = np.ones((12, 12), bool)
     noise = Noise(1.0, 0.0, 1.0, 1.0, 1.0)
-    matrix = Neighbourhood.of(grid, 1.0, 1.0).whitener(noise)
+    whitener = Whitener.of(grid, Uneven(noise))
     part = SimpleNamespace(points=144)
     rng = np.random.default_rng(0)
     column = np.zeros(144)
     column[50] = 1.0
     fitted = SimpleNamespace(
-        basis=np.zeros((144, 1)), residual=-5.0 * column, data=[SimpleNamespace(recording=part, matrix=matrix)]
+        basis=np.zeros((144, 1)), residual=-5.0 * column, data=[SimpleNamespace(recording=part, whitener=whitener)]
     )
     null = Null(rng.standard_normal((144, 200)).astype(np.float32))
     z = [screen(fitted, column[:, None], np.array([sign]), null).z[0] for sign in (-1, 0, 1)]
@@ -229,7 +275,7 @@ def test_nuisances_are_what_a_shift_a_turn_and_a_scale_do():
     """Each column against the same change of a plane, whose gradient is known: −∇f·u."""
     target = HeightMap(np.full((20, 30), 2.0), 0.5, 0.25)
     x, y = np.meshgrid(target.x_um, target.y_um)
-    data = Whitened.of(bare(prepare(target, target)), Noise(0.01, 0.0, 1.0, 0.5, 0.25), np.zeros(target.shape))
+    data = Whitened.of(bare(prepare(target, target)), Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.25)), np.zeros(target.shape))
     found = dict(zip(NUISANCES, data.nuisance_maps(0.3 * x - 0.2 * y), strict=True))
     inner = (slice(3, -3), slice(3, -3))
     expected = {
@@ -279,7 +325,7 @@ def test_the_change_on_finer_pixels_is_taken_where_the_fit_is():
     noisy = printed + noise.simulate(printed.shape, np.random.default_rng(4))
     recording = bare(prepare(target, target.with_heights(noisy)))
     far = ParameterSet(paper=Paper(exposure_fwhm_xy_um=1.0))
-    begun = fit([Whitened.of(recording, noise, discretisation_um(recording, far))], choose(truth))
+    begun = fit([Whitened.of(recording, Uneven(noise), discretisation_um(recording, far))], choose(truth))
     moved = on_own_pixels(begun)
     place = moved.free.index("exposure_fwhm_xy_um")
     errors = [abs(one.point.vector[place] - 0.5) for one in (begun, moved)]
@@ -290,9 +336,10 @@ def test_the_change_on_finer_pixels_is_taken_where_the_fit_is():
 
 def test_whitening_is_undone(holes):
     """In raster order every point stands on those before it, so that the way back is a solve from the top."""
-    whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
+    slope = np.random.default_rng(7).random(holes.shape)
+    whitener = Whitener.of(holes, Uneven(NOISE, 0.03, 1.0, 0.01, 0.02), slope)
     values = np.random.default_rng(6).normal(size=(holes.sum(), 2))
-    data = [SimpleNamespace(matrix=whitener, recording=SimpleNamespace(points=holes.sum()))]
+    data = [SimpleNamespace(whitener=whitener, recording=SimpleNamespace(points=holes.sum()))]
     np.testing.assert_allclose(unwhitened(data, whitener @ values)[0], values, atol=1e-9)
 
 

@@ -19,7 +19,7 @@ from dlwpredict.calibrate.problem import STEP_OF_RANGE, STEP_OF_VALUE
 from dlwpredict.calibrate.recordings import WALL_PX, prepare
 from dlwpredict.calibrate.trace import trace
 from dlwpredict.diagnose.baseline import discretisation_um
-from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack
+from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack, steepness
 from dlwpredict.diagnose.fit import Fit, bare
 from dlwpredict.diagnose.select import FORM_ERROR
 from dlwpredict.diagnose.setups import Setup, setups_for
@@ -27,7 +27,7 @@ from dlwpredict.effects.base import Effect
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
-from dlwpredict.noise import FLOOR, Noise
+from dlwpredict.noise import FLOOR, Uneven
 from dlwpredict.parameters import ParameterSet
 
 SURE = 5.0
@@ -220,10 +220,11 @@ def simulated(target: HeightMap, surface: HeightMap, fitted: Fit, rough: bool) -
     """
     item = sorted(fitted.data, key=lambda item: item.noise.sigma_um)[len(fitted.data) // 2]
     noise = on_pixels(item.noise, target)
-    wall_px = max(round(WALL_PX * max(item.noise.dx_um, item.noise.dy_um) / max(target.dx_um, target.dy_um)), 1)
+    even = item.noise.even
+    wall_px = max(round(WALL_PX * max(even.dx_um, even.dy_um) / max(target.dx_um, target.dy_um)), 1)
     recording = bare(prepare(target, surface, wall_px=wall_px))
     fine = np.zeros(target.shape) if rough else discretisation_um(recording, fitted.parameters)
-    return Whitened.of(recording, noise, fine)
+    return Whitened.of(recording, noise, fine, steepness(surface.heights_um, target))
 
 
 def fewer_pixels(part: HeightMap, most: int) -> HeightMap:
@@ -236,11 +237,12 @@ def fewer_pixels(part: HeightMap, most: int) -> HeightMap:
     return HeightMap(read, part.dx_um * ratio, part.dy_um * ratio)
 
 
-def on_pixels(noise: Noise, grid: HeightMap) -> Noise:
+def on_pixels(noise: Uneven, grid: HeightMap) -> Uneven:
     """Return the noise on other pixels: its white part averages out over wider ones."""
-    share = np.sqrt(noise.dx_um * noise.dy_um / (grid.dx_um * grid.dy_um))
-    white = max(noise.white_um * share, FLOOR * noise.sigma_um)
-    return replace(noise, white_um=white, dx_um=grid.dx_um, dy_um=grid.dy_um)
+    even = noise.even
+    share = np.sqrt(even.dx_um * even.dy_um / (grid.dx_um * grid.dy_um))
+    white = max(even.white_um * share, FLOOR * even.sigma_um)
+    return replace(noise, even=replace(even, white_um=white, dx_um=grid.dx_um, dy_um=grid.dy_um))
 
 
 def neighbour(free: Free, vector: np.ndarray, k: int) -> np.ndarray:

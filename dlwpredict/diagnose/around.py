@@ -11,7 +11,7 @@ from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.diagnose.baseline import discretisation_um
 from dlwpredict.diagnose.candidates import Candidate, candidates, signatures
-from dlwpredict.diagnose.evidence import gradient
+from dlwpredict.diagnose.evidence import gradient, steepness
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.flat import Free
 
@@ -33,6 +33,8 @@ class Around:
     discretisation_um : list of numpy.ndarray, shape (rows, cols)
     designs : list of numpy.ndarray, shape (columns, rows, cols)
         What a residual may hold besides noise.
+    slopes : list of numpy.ndarray, shape (rows, cols)
+        |∇f| of the predictions.
     """
 
     recordings: tuple[Recording, ...]
@@ -42,6 +44,7 @@ class Around:
     signatures_um: list[list[np.ndarray]]
     discretisation_um: list[np.ndarray]
     designs: list[np.ndarray]
+    slopes: list[np.ndarray]
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], free: Free, point: Point) -> Around:
@@ -59,7 +62,8 @@ class Around:
             own = recording.on_map(derivatives[k].T)
             named = np.stack([maps[k] for maps in changes])
             designs.append(np.concatenate([smooth_forms(grid), own, np.stack([*shifts, fine[k]]), named]))
-        return cls(tuple(recordings), free, point, chosen, changes, fine, designs)
+        slopes = [steepness(t.heights_um, r.target) for t, r in zip(point.traces, recordings, strict=True)]
+        return cls(tuple(recordings), free, point, chosen, changes, fine, designs, slopes)
 
     def residuals_um(self) -> list[np.ndarray]:
         """Return recording − prediction, 0 where a point does not count, shape (rows, cols) each."""

@@ -58,6 +58,7 @@ def noises(
     designs: Sequence[np.ndarray],
     repeats: Sequence[Sequence[HeightMap]],
     like: Sequence[NoiseEstimate] | None = None,
+    slopes: Sequence[np.ndarray] | None = None,
     seed: int = 0,
 ) -> list[NoiseEstimate]:
     """Estimate every recording's noise: from its repeats where there are any, else from the residual.
@@ -73,13 +74,15 @@ def noises(
         Further recordings of the same print, on the same grid, for each recording; may be empty.
     like : sequence of NoiseEstimate, optional
         Earlier estimates, whose kind of correlation is kept.
+    slopes : sequence of numpy.ndarray, shape (rows, cols), optional
+        |∇f| of each recording, on which its noise may hang.
     seed : int
         Of the drawn noise.
     """
-    kinds = [(known.model.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
+    kinds = [(known.model.even.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
     found = []
-    for recording, residual, design, others, kind in zip(
-        recordings, residuals_um, designs, repeats, kinds, strict=True
+    for recording, residual, design, others, kind, slope in zip(
+        recordings, residuals_um, designs, repeats, kinds, slopes or [0.0] * len(recordings), strict=True
     ):
         used, pitch, source = recording.used, (recording.target.dx_um, recording.target.dy_um), "residual"
         if others:
@@ -87,7 +90,8 @@ def noises(
             used, source = used & np.isfinite(difference), "repeats"
             residual, design = np.where(used, difference, 0.0), smooth_forms(recording.target)
         forms = compressed(design, used)
-        found.append(estimate(residual, used, pitch, forms, kind, source=source, seed=seed + len(found)))
+        of = seed + len(found)
+        found.append(estimate(residual, used, pitch, forms, kind, slope=slope, source=source, seed=of))
     return found
 
 

@@ -30,10 +30,13 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
         "noise_from": ", ".join(sorted({n.source for n in found.noises})),
         "noise": [
             {
-                "white_um": _short(n.model.white_um),
-                "correlated_um": _short(n.model.correlated_um),
-                "length_um": _short(n.model.length_um),
-                "smoothness": float(n.model.smoothness),
+                "white_um": _short(n.model.even.white_um),
+                "correlated_um": _short(n.model.even.correlated_um),
+                "length_um": _short(n.model.even.length_um),
+                "smoothness": float(n.model.even.smoothness),
+                "jitter_um": _short(n.model.jitter_um),
+                "row_um": _short(n.model.row_um),
+                "column_um": _short(n.model.column_um),
             }
             for n in found.noises
         ],

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import ndimage, sparse
-from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.noise import Uneven
 from dlwpredict.parameters import Paper, ParameterSet, declarations
-from dlwpredict.whitening import Neighbourhood
+from dlwpredict.whitening import Whitener
 
 SCALE_PRIOR = 2e-3
 """Standard deviation of a lateral scale that the certificate of a pixel pitch leaves open; the same for shear."""
@@ -38,6 +37,9 @@ the exposure's axial FWHM to 10 µm, where signatures are no longer those of the
 
 WIDTHS = {name: default for name, (default, _) in declarations(Paper).items() if "fwhm" in name}
 """The parameters that have this prior, and its centres, µm."""
+
+STEEPEST = 3.0
+"""Slope beyond which a pixel's is that of a wall, and says nothing more."""
 
 FREE = np.inf
 
@@ -65,6 +67,12 @@ def gradient(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     return ndimage.correlate1d(heights_um, np.array([1, -8, 0, 8, -1]) / 12, axis=axis, mode="nearest") / pitch_um
 
 
+def steepness(heights_um: np.ndarray, grid: HeightMap) -> np.ndarray:
+    """Return |∇f| of a map, at most `STEEPEST`, shape (rows, cols)."""
+    across, down = gradient(heights_um, grid.dx_um, 1), gradient(heights_um, grid.dy_um, 0)
+    return np.minimum(np.hypot(across, down), STEEPEST)
+
+
 def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     """Return the second derivative along an axis of the array, fourth order, two pixels to either side."""
     taps = np.array([-1, 16, -30, 16, -1]) / 12
@@ -88,32 +96,35 @@ class Whitened:
     ----------
     recording : Recording
         Its `used` points are those of the whitener.
-    noise : Noise
-    matrix : scipy.sparse.csr_array, shape (points, points)
+    noise : Uneven
+    whitener : Whitener
         Turns values at the used points into independent ones of variance 1.
     discretisation_um : numpy.ndarray, shape (rows, cols)
         Change of the prediction on pixels of half the size.
+    slope : numpy.ndarray, shape (rows, cols), or 0
+        |∇f| of the surface, where the noise hangs on it.
     shift_um : tuple of float
         Registration found so far, about which the shift columns are taken.
     """
 
     recording: Recording
-    noise: Noise
-    matrix: sparse.csr_array = field(repr=False)
+    noise: Uneven
+    whitener: Whitener = field(repr=False)
     discretisation_um: np.ndarray = field(repr=False)
+    slope: np.ndarray | float = field(default=0.0, repr=False)
     shift_um: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def of(cls, recording: Recording, noise: Noise, discretisation_um: np.ndarray) -> Whitened:
+    def of(
+        cls, recording: Recording, noise: Uneven, discretisation_um: np.ndarray, slope: np.ndarray | float = 0.0
+    ) -> Whitened:
         """Build the whitener of a recording."""
-        grid = recording.target
-        neighbours = Neighbourhood.of(recording.used, grid.dx_um, grid.dy_um)
-        return cls(recording, noise, neighbours.whitener(noise), discretisation_um)
+        return cls(recording, noise, Whitener.of(recording.used, noise, slope), discretisation_um, slope)
 
     def white(self, maps: np.ndarray) -> np.ndarray:
         """Whiten maps (..., rows, cols), result (points, ...)."""
         values = np.moveaxis(np.asarray(maps)[..., self.recording.used], -1, 0)
-        return self.matrix @ values.reshape(len(values), -1) if values.ndim > 1 else self.matrix @ values
+        return self.whitener @ (values.reshape(len(values), -1) if values.ndim > 1 else values)
 
     def moved(self, predicted_um: np.ndarray) -> np.ndarray:
         """Return a prediction where registration has put it."""
@@ -150,7 +161,7 @@ def unwhitened(data: Sequence[Whitened], columns: np.ndarray) -> list[np.ndarray
     """Return what whitened columns (rows, columns) are in µm: for every recording, shape (points, columns)."""
     ends = np.cumsum([item.recording.points for item in data])
     parts = np.split(columns, ends)[: len(data)]
-    return [spsolve_triangular(item.matrix, part, lower=True) for item, part in zip(data, parts, strict=True)]
+    return [item.whitener.solve(part) for item, part in zip(data, parts, strict=True)]
 
 
 def nuisance_fit(

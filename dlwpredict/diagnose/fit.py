@@ -230,7 +230,7 @@ def _jacobian(problem: Problem, now: Fit, known: Fit | None) -> np.ndarray:
                           low=problem.free.low[missing], high=problem.free.high[missing])  # fmt: skip
         sub = replace(problem, free=partial, numerics=now.point.traces[0].numerics)
         raw = sub.jacobian(replace(now.point, vector=now.point.vector[missing]))
-        parts = [item.matrix @ columns for item, columns in zip(now.data, raw, strict=True)]
+        parts = [item.whitener @ columns for item, columns in zip(now.data, raw, strict=True)]
         jacobian[:, missing] = stack(parts, prior_rows(len(now.data)))
     jacobian[-len(WIDTHS) :] = width_rows(problem.free.parameters(now.point.vector), names)[1]
     return jacobian

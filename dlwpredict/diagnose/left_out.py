@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit
@@ -123,7 +122,7 @@ def _scored(
     first = sum(item.recording.points for item in fitted.data[:k])
     item = fitted.data[k]
     rows = slice(first, first + item.recording.points)
-    micrometres = spsolve_triangular(item.matrix, moved[rows], lower=True)
+    micrometres = item.whitener.solve(moved[rows])
     inside = test[rows]
     error = (fitted.residual_um(k)[item.recording.used] - micrometres)[inside]
     white = (fitted.residual - moved)[test]

@@ -84,7 +84,7 @@ def scores(item: Whitened, residual: np.ndarray, seed: int = 0) -> np.ndarray:
 
     def matched(white: np.ndarray) -> np.ndarray:
         plane = np.zeros(used.shape)
-        plane[used] = item.matrix.T @ white
+        plane[used] = item.whitener.transposed(white)
         return np.stack([ndimage.gaussian_filter(plane, s, mode="constant") for s in SCALES_PX])
 
     rng = np.random.default_rng(seed)

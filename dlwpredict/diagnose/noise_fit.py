@@ -3,7 +3,8 @@
 What a recording differs from its prediction by is noise and model error. Model error is mostly smooth; so a free form
 that is smooth in the coordinates that physics acts in is fitted along, and the likelihood of what it cannot follow is
 maximised over nugget, σ and length. "Restricted" counts what the free form has taken from the noise too; without that
-the length comes out short, and just that makes false alarms.
+the length comes out short, and just that makes false alarms. Where noise grows on slopes, values are divided by how
+much it does; where whole rows or columns have offsets of their own, the rest is estimated beside their means.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage, optimize, special
 
-from dlwpredict.noise import Noise
-from dlwpredict.whitening import Neighbourhood
+from dlwpredict.diagnose.noise_uneven import Evened, Unevenness
+from dlwpredict.noise import Noise, Uneven, grown
+from dlwpredict.whitening import Neighbourhood, lines
 
 DISCREPANCY_UM = 0.0015
 """Numerical difference between two honest computations of the same physics; no noise is taken to be smaller."""
@@ -23,6 +25,9 @@ DISCREPANCY_UM = 0.0015
 SMOOTHNESSES = (0.5, 1.5, np.inf)
 """Kinds of correlation that are tried: a rough one, Matérn's, a Gaussian. Taken for Matérn's, noise that an instrument
 has smoothed would come out three times as long."""
+
+POWERS = (1.0, 2.0)
+"""Ways in which noise may grow on slopes: in proportion, and by a jitter that is independent of it."""
 
 OUTLYING = 4.0
 """Whitened values beyond this are no noise: points like these, and those `LOUD_PX` around, have no say in the noise."""
@@ -48,22 +53,25 @@ class NoiseEstimate:
 
     Parameters
     ----------
-    model : Noise
+    model : Uneven
     place, covariance : numpy.ndarray, shapes (3,), (3, 3)
         Logit of the correlated share of the variance, log length, log scale; and their covariance, both by bootstrap.
     source : str
         What it was estimated from: "repeats" or "residual".
+    columns : Unevenness
+        Offsets of whole columns.
     """
 
-    model: Noise
+    model: Uneven
     place: np.ndarray
     covariance: np.ndarray
     source: str
+    columns: Unevenness
 
-    def draw(self, rng: np.random.Generator) -> Noise:
+    def draw(self, rng: np.random.Generator) -> Uneven:
         """Return a noise model that the data would allow as well."""
         step = np.clip(rng.multivariate_normal(np.zeros(3), self.covariance), -1, 1)
-        return _floored(_at(self.model, self.place + step))
+        return replace(self.model, even=_floored(_at(self.model.even, self.place + step)))
 
 
 def estimate(
@@ -73,6 +81,7 @@ def estimate(
     smooth: np.ndarray,
     kinds: Sequence[float] = SMOOTHNESSES,
     *,
+    slope: np.ndarray | float = 0.0,
     source: str = "residual",
     seed: int = 0,
 ) -> NoiseEstimate:
@@ -92,6 +101,8 @@ def estimate(
         What may be in the values besides noise.
     kinds : sequence of float
         Smoothnesses of the correlation that are tried.
+    slope : numpy.ndarray, shape (rows, cols), or 0
+        |∇f| of the surface.
     source : str
     seed : int
         Of the choice of points, and of the drawn noise.
@@ -101,18 +112,34 @@ def estimate(
     draw = np.random.default_rng(seed)
     likelihood = _Likelihood(every[_some(np.arange(len(y)), SEARCHED_POINTS, draw)], y[:, None], design)
     model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds)
-    quiet = _quiet(every, y, used, model)
+    steep = np.broadcast_to(slope, used.shape)[used]
+    even, near = Evened(y, design, (lines(used, 0), lines(used, 1)), np.ones(len(y))), every.whitener(model)
+    for axis in sorted((0, 1), key=lambda axis: -even.offsets(near, axis).gain):
+        if even.offsets(every.whitener(model), axis).found:
+            even = replace(even, axes=(*even.axes, axis))
+            likelihood = replace(likelihood, values_um=even.of(y[:, None]), design=even.of(design))
+            model, place = _searched(likelihood, model, kinds)
+    near = every.whitener(model)
+    power, growth = max(((p, even.jitter(near, steep, p)) for p in POWERS), key=lambda one: one[1].gain)
+    if growth.found:
+        even = replace(even, scale=grown(growth.found * steep, power))
+        likelihood = replace(likelihood, values_um=even.of(y[:, None]), design=even.of(design))
+        model, place = _searched(likelihood, model, kinds)
+    quiet = _quiet(every, likelihood.values_um[:, 0], used, model)
     if len(quiet) < len(y):
         likelihood = replace(likelihood, chosen=every[_some(quiet, SEARCHED_POINTS, draw)])
         model, place = _searched(likelihood, model, (model.smoothness,))
     likelihood = replace(likelihood, chosen=every[_some(quiet, MOST_POINTS, draw)])
     for _ in range(RECENTRED):
         start = place
-        place, repeated = _repeated(likelihood, used, _at(model, start), start, draw)
+        place, repeated = _repeated(likelihood, used, even, _at(model, start), start, draw)
         if np.abs(place - start).max() < SMALL_STEP.min():
             break
     place = place - np.clip(repeated.mean(axis=0) - start, -1, 1)
-    return NoiseEstimate(_floored(_at(model, place)), place, np.cov(repeated.T), source)
+    model = _floored(_at(model, place))
+    rows, columns = (even.offsets(every.whitener(model), axis) for axis in (0, 1))
+    found = Uneven(model, growth.found * model.sigma_um, power, rows.found, columns.found)
+    return NoiseEstimate(found, place, np.cov(repeated.T), source, columns)
 
 
 def _some(points: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
@@ -199,13 +226,19 @@ def _quiet(every: Neighbourhood, values_um: np.ndarray, used: np.ndarray, model:
 
 
 def _repeated(
-    likelihood: _Likelihood, used: np.ndarray, model: Noise, place: np.ndarray, rng: np.random.Generator
+    likelihood: _Likelihood,
+    used: np.ndarray,
+    even: Evened,
+    model: Noise,
+    place: np.ndarray,
+    rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the place of the values themselves, (3,), and those found alike on maps drawn from a model, (maps, 3).
 
     For every map a quadratic in (share, length), through nine places around the model's own, stands for its deviance.
     """
     drawn = np.stack([model.simulate(used.shape, rng)[used] for _ in range(REPLICATES)], axis=1)
+    drawn = even.beside_lines(drawn)
     every = replace(likelihood, values_um=np.column_stack([likelihood.values_um, drawn]))
     pitch = float(np.sqrt(model.dx_um * model.dy_um))
 

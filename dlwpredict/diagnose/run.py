@@ -11,8 +11,9 @@ from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, on_own_pixels, without_spikes
+from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms, agreement
-from dlwpredict.diagnose.evidence import Whitened
+from dlwpredict.diagnose.evidence import Whitened, steepness
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
@@ -23,7 +24,7 @@ from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.diagnose.select import Library, Named, Search, freed
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.noise import Uneven
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 
@@ -40,6 +41,10 @@ EXPLAINED = 0.9
 """The named effects must explain this share of what the free forms explain."""
 
 
+SINGLE = LEVEL / 3
+"""The same for each of the three ways of looking for it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A fit, what free forms still find in its residual, and how it predicts what it has not seen.
@@ -53,6 +58,8 @@ class Model:
         Root mean square of that, µm.
     ripple : Ripple
         The strongest wave in the residual.
+    columns : Columns
+        Offsets of whole columns, lines along y, that the residual was found to have.
     blocks, recordings : LeftOut or None
         Errors on blocks and on whole recordings that the fit had not seen.
     """
@@ -61,13 +68,14 @@ class Model:
     rest: Energy
     structure_um: float
     ripple: Ripple
+    columns: Columns
     blocks: LeftOut | None
     recordings: LeftOut | None
 
     @property
     def p_value(self) -> float:
-        """Probability that noise alone leaves a remainder as strange as this, by free forms or as a ripple."""
-        return min(2 * min(self.rest.p_value, self.ripple.p_value), 1.0)
+        """Probability that noise alone leaves as strange a remainder: by free forms, as a ripple, as columns."""
+        return min(3 * min(self.rest.p_value, self.ripple.p_value, self.columns.p_value), 1.0)
 
     @property
     def unexplained(self) -> bool:
@@ -133,8 +141,11 @@ class Diagnosis:
 
     @property
     def explained(self) -> float:
-        """Share of what free forms and a ripple explain that the named effects explain, 0 to 1."""
-        whole, left = (max(m.rest.excess, 0) + _wave(m.ripple) for m in (self.baseline, self.extended))
+        """Share of what free forms, a ripple and columns explain that the named effects explain, 0 to 1."""
+        whole, left = (
+            max(m.rest.excess, 0) + sum(part.excess for part in (m.ripple, m.columns) if part.p_value < SINGLE)
+            for m in (self.baseline, self.extended)
+        )
         return float(np.clip(1 - left / whole, 0, 1)) if whole > 0 else 1.0
 
     @property
@@ -191,11 +202,11 @@ def diagnose(
     tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
     around = Around.of(recordings, free, point)
     found, vector, pixels = None, point.vector, around.discretisation_um
-    better = noises(recordings, around.residuals_um(), around.designs, repeats, seed=seed)
+    better = noises(recordings, around.residuals_um(), around.designs, repeats, slopes=around.slopes, seed=seed)
     for _ in range(PASSES):
         noise = better
-        tell("noise " + ", ".join(f"{1e3 * n.model.sigma_um:.1f} nm over {n.model.length_um:.1f} µm" for n in noise))
-        data = [Whitened.of(r, n.model, fine) for r, n, fine in zip(recordings, noise, pixels, strict=True)]
+        tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
+        data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
         baseline = fit_from(data, free, vector)
         if found is None:
             baseline = on_own_pixels(baseline)
@@ -208,16 +219,16 @@ def diagnose(
         found, vector = on_own_pixels(model), baseline.point.vector
         pixels = [item.discretisation_um for item in found.data]
         residuals = [np.nan_to_num(found.residual_um(k)) for k in range(len(pixels))]
-        better = noises(recordings, residuals, around.designs, repeats, like=noise, seed=seed)
-        if found is model and all(_alike(a.model, b.model) for a, b in zip(noise, better, strict=True)):
+        better = noises(recordings, residuals, around.designs, repeats, noise, around.slopes, seed)
+        if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)
     places, mismatch = locate(baseline, forms, beside)
-    judged = _judged(baseline, beside, null)
-    extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null), null)
+    judged = _judged(baseline, beside, null, Columns.of(noise))
+    extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null), null, judged.columns)
     return Diagnosis(
         recordings,
         tuple(noise),
@@ -240,26 +251,28 @@ def _held_out(recording: Recording, baseline: Fit, seed: int) -> Whitened:
     parameters = baseline.parameters
     predicted = predict(recording.target, parameters, as_measured=True).heights_um
     residual = np.where(recording.used, recording.measured.heights_um - predicted, 0.0)
-    noise = noises([recording], [residual], [smooth_forms(recording.target)], [()], seed=seed)[0]
-    return Whitened.of(recording, noise.model, discretisation_um(recording, parameters))
+    slope = steepness(predicted, recording.target)
+    noise = noises([recording], [residual], [smooth_forms(recording.target)], [()], slopes=[slope], seed=seed)[0]
+    return Whitened.of(recording, noise.model, discretisation_um(recording, parameters), slope)
 
 
-def _judged(fitted: Fit, beside: Beside, null: Null) -> Model:
+def _judged(fitted: Fit, beside: Beside, null: Null, columns: Columns) -> Model:
     return Model(
         fitted,
         beside.energy(),
         beside.structure_um(fitted),
         ripple(fitted, null),
+        columns,
         left_out.blocks(fitted),
         left_out.recordings(fitted),
     )
 
 
-def _wave(found: Ripple) -> float:
-    """Return the energy of a ripple that is more than noise."""
-    return found.excess if found.p_value < LEVEL / 2 else 0.0
+def _models(noise: Sequence[NoiseEstimate]) -> list[Uneven]:
+    return [estimate.model for estimate in noise]
 
 
-def _alike(one: Noise, other: Noise) -> bool:
+def _alike(one: Uneven, other: Uneven) -> bool:
     """Tell whether two models of noise are the same to the accuracy that estimates have."""
-    return all(abs(np.log(getattr(one, name) / getattr(other, name))) < ALIKE for name in ("sigma_um", "length_um"))
+    pairs = (one.sigma_um, other.sigma_um), (one.even.length_um, other.even.length_um)
+    return all(abs(np.log(a / b)) < ALIKE for a, b in pairs)

@@ -42,8 +42,8 @@ class Null:
         parts = []
         for item, noise in zip(data, noises, strict=True):
             used = item.recording.used
-            maps = np.stack([noise.draw(rng).simulate(used.shape, rng)[used] for _ in range(count)], axis=1)
-            parts.append((item.matrix @ maps).astype(np.float32))
+            maps = np.stack([noise.draw(rng).simulate(used.shape, rng, item.slope)[used] for _ in range(count)], axis=1)
+            parts.append((item.whitener @ maps).astype(np.float32))
         return cls(stack(parts, prior_rows(len(data))))
 
     def along(self, columns: np.ndarray) -> np.ndarray:

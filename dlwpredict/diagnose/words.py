@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dlwpredict.diagnose.run import LEVEL, Diagnosis
+from dlwpredict.diagnose.run import LEVEL, SINGLE, Diagnosis
 from dlwpredict.diagnose.select import Named, strengths
 from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
@@ -59,10 +59,16 @@ def remainder(found: Diagnosis) -> str:
     if not found.extended.unexplained:
         return "What is left looks like noise."
     wave = found.extended.ripple
-    if wave.p_value < LEVEL / 2:
+    if wave.p_value < SINGLE:
         return (
             f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in "
             f"{found.recordings[wave.pair].name}; no named effect makes one."
+        )
+    columns = found.extended.columns
+    if columns.p_value < SINGLE:
+        return (
+            f"Lines along y differ by {1e3 * columns.size_um:.1f} nm from one another in "
+            f"{found.recordings[columns.pair].name}: of the print, or of a scan along y: repeats tell."
         )
     share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
     return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."
@@ -83,6 +89,9 @@ def tests(found: Diagnosis) -> list[dict[str, Any]]:
     strongest = f"the strongest wave, period {wave.period_um:.1f} µm at {wave.angle_deg:.0f}° to x, is"
     kind = "more than noise" if wave.p_value < LEVEL else "no more than noise"
     said.append({"name": "ripple", "p_value": wave.p_value, "statement": f"{strongest} {kind}"})
+    columns = found.baseline.columns
+    differ = "differ from one another" if columns.p_value < LEVEL else "differ no more than noise does"
+    said.append({"name": "lines along y", "p_value": columns.p_value, "statement": f"whole columns {differ}"})
     if found.agreement:
         p_value = found.agreement.p_value
         other = "other parameters: the model does not transfer" if p_value < LEVEL else "the same parameters"

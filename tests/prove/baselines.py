@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
@@ -20,7 +19,7 @@ from dlwpredict.diagnose.select import freed
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.noise import Noise, Uneven
 from dlwpredict.parameters import ParameterSet, declarations
 from tests.prove.linear import whitened
 
@@ -128,7 +127,7 @@ def _independent(item: Whitened, sigma_um: float) -> Whitened:
     """Return a recording whose pixels pass for independent."""
     grid = item.recording.target
     noise = Noise(sigma_um, 1e-3 * sigma_um, grid.dx_um, grid.dx_um, grid.dy_um)
-    return Whitened.of(item.recording, noise, item.discretisation_um)
+    return Whitened.of(item.recording, Uneven(noise), item.discretisation_um)
 
 
 def _plain_basis(seven: Fit, used: Sequence[np.ndarray]) -> np.ndarray:
@@ -136,7 +135,7 @@ def _plain_basis(seven: Fit, used: Sequence[np.ndarray]) -> np.ndarray:
     first, blocks, nuisances = 0, [], []
     for k, (item, mask) in enumerate(zip(seven.data, used, strict=True)):
         rows = slice(first, first + int(mask.sum()))
-        blocks.append(spsolve_triangular(item.matrix, seven.jacobian[rows], lower=True))
+        blocks.append(item.whitener.solve(seven.jacobian[rows]))
         nuisances.append(item.nuisance_maps(seven.point.traces[k].heights_um)[:, mask].T)
         first = rows.stop
     columns = np.column_stack([np.concatenate(blocks), sparse.block_diag(nuisances).toarray()])
