@@ -22,8 +22,11 @@ from tests.prove.mix import FULL, WEAKEST, Draw, draw, name_of
 FINER = 2
 """The press prints the targets' pixels as squares of this many pixels a side: 0.5 nm from the limit of many."""
 
-ROUNDS, CLOSE = 5, 0.05
+ROUNDS, CLOSE = 6, 0.1
 """Times that a strength is corrected at most, since few effects grow in proportion to it, and when it is right."""
+
+POWERS = (0.5, 4.0)
+"""Powers of its strength with which an effect is taken to grow."""
 
 
 @dataclass(frozen=True)
@@ -117,24 +120,35 @@ def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
     Where no strength inside the range reaches the wanted multiple, the end of the range is taken; where even that shows
     nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth, and grows with `power`.
     """
-    value, power = hidden.probe, 1.0
-    shares = bare.shares(hidden.at(value))
+    goal = times * LIMIT_Z
+    tried = {hidden.probe: bare.shares(hidden.at(hidden.probe))}
     for _ in range(ROUNDS):
-        if shares["z"] == 0:
+        value, power = _closer(hidden, {at: shares["z"] for at, shares in tried.items()}, goal)
+        if value in tried or min(abs(np.log(goal / max(s["z"], 1e-9))) for s in tried.values()) < CLOSE:
             break
-        wanted = times * LIMIT_Z / shares["z"]
-        new = float(np.clip(hidden.off + (value - hidden.off) * wanted ** (1 / power), hidden.low, hidden.high))
-        if abs(np.log(wanted)) < CLOSE or new == value:
-            break
-        before, grown = shares["z"], (new - hidden.off) / (value - hidden.off)
-        value, shares = new, bare.shares(hidden.at(new))
-        power = float(np.clip(np.log(max(shares["z"], 1e-9) / before) / np.log(grown), 0.5, 4))
-    if shares["z"] < WEAKEST * LIMIT_Z:
-        value, shares = hidden.probe, bare.shares(hidden.at(hidden.probe))
+        tried[value] = bare.shares(hidden.at(value))
+    value = min(tried, key=lambda at: abs(np.log(goal / max(tried[at]["z"], 1e-9))))
+    if tried[value]["z"] < WEAKEST * LIMIT_Z:
+        value = hidden.probe
+    shares = tried[value]
     return {
         "name": hidden.name, "switch": hidden.switch, "value": value, "off": hidden.off, "wanted": times,
         "times": shares["z"] / LIMIT_Z, "power": power, **shares, "entry": hidden.at(value),
     }  # fmt: skip
+
+
+def _closer(hidden: Hidden, z: dict[float, float], wanted: float) -> tuple[float, float]:
+    """Return the next strength to try, and the power of the strength that z goes with there.
+
+    The power is that between the two tries around the wanted z, or the two that come nearest to it.
+    """
+    sizes = sorted((abs(value - hidden.off), max(found, 1e-9)) for value, found in z.items())
+    below, above = [one for one in sizes if one[1] <= wanted], [one for one in sizes if one[1] > wanted]
+    pair = (below[-1], above[0]) if below and above else (below[:-3:-1] or above[:2])
+    (size, found), (other, beside) = pair[0], pair[-1]
+    power = float(np.clip(np.log(beside / found) / np.log(other / size), *POWERS)) if len(pair) > 1 else 1.0
+    step = np.sign(hidden.probe - hidden.off) * size * (wanted / found) ** (1 / power)
+    return float(np.clip(hidden.off + step, hidden.low, hidden.high)), power
 
 
 def seal(folder: Path, seed: int, kind: str, index: int) -> str:
