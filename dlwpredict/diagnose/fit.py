@@ -30,6 +30,9 @@ GAIN = 0.05
 TRUSTED = 0.8
 """Share of the promised gain that must come true for derivatives to be updated by the secant, not computed anew."""
 
+ITERATIONS = 8
+"""Steps of a descent, at most, unless told otherwise."""
+
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less."""
 
@@ -146,7 +149,7 @@ def fit(
     *,
     start: np.ndarray | None = None,
     known: Fit | None = None,
-    iterations: int = 8,
+    iterations: int = ITERATIONS,
     secant: bool = False,
 ) -> Fit:
     """Follow the likelihood down with bounded, damped Gauss–Newton steps, in the coordinates of `straight`.

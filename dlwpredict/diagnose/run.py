@@ -211,7 +211,7 @@ def diagnose(
         if found is None:
             baseline = on_own_pixels(baseline)
         library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed)
-        search = Search(baseline, library, null, tell)
+        search = Search(baseline, library, null, tell, scouts=found is None)
         begun = fit(baseline.data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
         if model is baseline:
