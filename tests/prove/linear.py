@@ -104,7 +104,7 @@ class Sight:
 def _refitted(true: Fit, changes: Sequence[np.ndarray]) -> float:
     """Return what is left of −2 ln L when recordings have changed and everything is fitted anew.
 
-    From the truth, and from a focus of twice its size: a blur is taken by a wide one, which no descent finds from there.
+    From the truth, and from a focus of twice its size: a wide one takes a blur, and no descent finds it from there.
     """
     data = []
     for item, change in zip(true.data, changes, strict=True):

@@ -117,8 +117,8 @@ def shown(drawn: Draw, parts: Sequence[HeightMap], effects: Sequence[dict]) -> l
 def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
     """Return the effect at so many times its detection limit, and what becomes of it.
 
-    Where no strength inside the range reaches the wanted multiple, the end of the range is taken; where even that shows
-    nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth, and grows with `power`.
+    Where no strength inside the range reaches the wanted multiple, the one that comes nearest is taken; where even that
+    shows nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth, and grows with `power`.
     """
     goal = times * LIMIT_Z
     tried = {hidden.probe: bare.shares(hidden.at(hidden.probe))}
@@ -127,7 +127,8 @@ def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
         if value in tried or min(abs(np.log(goal / max(s["z"], 1e-9))) for s in tried.values()) < CLOSE:
             break
         tried[value] = bare.shares(hidden.at(value))
-    value = min(tried, key=lambda at: abs(np.log(goal / max(tried[at]["z"], 1e-9))))
+    reached = [at for at in tried if tried[at]["z"] <= goal * (1 + CLOSE)]
+    value = max(reached or tried, key=lambda at: tried[at]["z"])
     if tried[value]["z"] < WEAKEST * LIMIT_Z:
         value = hidden.probe
     shares = tried[value]
