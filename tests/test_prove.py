@@ -16,7 +16,7 @@ from tests.prove.baselines import _forward
 from tests.prove.hidden import NAMED, OUTSIDE, named, outside
 from tests.prove.linear import LIMIT_Z
 from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, MEASUREMENT, QUICK, draw, listed, name_of
-from tests.prove.sealed import Bare, Folder, seal, seals, strength
+from tests.prove.sealed import CLOSE, Bare, Folder, seal, seals, strength
 
 SEED = 4
 
@@ -141,7 +141,7 @@ def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(bare):
 
 def test_strength_is_the_wanted_multiple_of_the_limit(bare):
     found = strength(bare.drawn.hidden[0], 2.0, bare)
-    assert found["times"] == pytest.approx(2.0, rel=0.1) and found["z"] == pytest.approx(2 * LIMIT_Z, rel=0.1)
+    assert found["times"] == pytest.approx(2.0, rel=CLOSE) and found["z"] == pytest.approx(2 * LIMIT_Z, rel=CLOSE)
     assert found["entry"]["rise_um"] == found["value"] != 0
 
 

@@ -118,7 +118,8 @@ def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
     """Return the effect at so many times its detection limit, and what becomes of it.
 
     Where no strength inside the range reaches the wanted multiple, the one that comes nearest is taken; where even that
-    shows nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth, and grows with `power`.
+    shows nearly nothing (what calibration absorbs whole), the probe. `times` says what it is worth, and grows with
+    `power`.
     """
     goal = times * LIMIT_Z
     tried = {hidden.probe: bare.shares(hidden.at(hidden.probe))}
