@@ -22,7 +22,7 @@ from scipy import ndimage
 from dlwpredict.files.atomic import replacing
 from dlwpredict.heightmap import HeightMap, require_same_grid
 
-HEIGHT_COLOURS, DIFFERENCE_COLOURS = "cividis", "RdBu_r"
+HEIGHT_COLOURS, DIFFERENCE_COLOURS, CERTAINTY_COLOURS = "cividis", "RdBu_r", "Purples"
 NOT_MEASURED, BELOW = "0.8", "k"
 REFERENCE_LINE = {"color": "0.25", "lw": 1.6}
 TEST_LINE = {"color": "#D55E00", "lw": 1.1}  # vermilion of Okabe and Ito
@@ -250,18 +250,49 @@ def calibration(
         On one grid each; the residual is NaN where a point did not count.
     caption : str
     """
-    width, height = PANEL_INCHES
-    figure = Figure(figsize=(4 * width, len(rows) * (height - 0.4) + 0.4), layout="constrained")
+    figure, strips = _strips([row[0] for row in rows], caption)
     limit = difference_limit(*(row[-1] for row in rows))
-    for part, (name, *maps, residual) in zip(figure.subfigures(len(rows), 1, squeeze=False)[:, 0], rows, strict=True):
-        part.suptitle(name, fontsize=11, x=0.01, ha="left")
-        panels = part.subplots(1, 4)
+    for panels, (_, *maps, residual) in zip(strips, rows, strict=True):
         limits = height_limits(*maps)
         for axes, one, title in zip(panels, maps, ("target", "recording", "prediction"), strict=False):
             show_map(axes, one, title=title, limits_um=limits)
         show_difference(panels[3], maps[0].with_heights(residual), title="recording − prediction", limit_um=limit)
-    figure.suptitle(caption, fontsize=10)
     return figure
+
+
+def diagnosis(
+    rows: Sequence[tuple[str, HeightMap, np.ndarray, np.ndarray, np.ndarray, np.ndarray]], *, caption: str = ""
+) -> Figure:
+    """Draw residual, mismatch, what named effects explain and the remainder of every recording, one row for each.
+
+    Parameters
+    ----------
+    rows : sequence of (name, target, residual_um, mismatch, explained_um, remainder_um)
+        On one grid each; NaN where a point did not count.
+    caption : str
+    """
+    figure, strips = _strips([row[0] for row in rows], caption)
+    limit = difference_limit(*(row[2] for row in rows))
+    for panels, (_, target, residual, mismatch, explained, remainder) in zip(strips, rows, strict=True):
+        shown = {"recording − prediction": residual, "explained by the named": explained, "remainder": remainder}
+        for axes, (title, values) in zip(panels[[0, 2, 3]], shown.items(), strict=True):
+            show_difference(axes, target.with_heights(values), title=title, limit_um=limit)
+        show_map(
+            panels[1], target.with_heights(mismatch), title="beyond noise: how surely", limits_um=(0, 1),
+            colours=CERTAINTY_COLOURS, label="1 − p",
+        )  # fmt: skip
+    return figure
+
+
+def _strips(names: Sequence[str], caption: str) -> tuple[Figure, list[np.ndarray]]:
+    """Return a figure with a named row of four panels for each of the names, and the panels."""
+    width, height = PANEL_INCHES
+    figure = Figure(figsize=(4 * width, len(names) * (height - 0.4) + 0.4), layout="constrained")
+    parts = figure.subfigures(len(names), 1, squeeze=False)[:, 0]
+    for part, name in zip(parts, names, strict=True):
+        part.suptitle(name, fontsize=11, x=0.01, ha="left")
+    figure.suptitle(caption, fontsize=10)
+    return figure, [part.subplots(1, 4) for part in parts]
 
 
 def _sheet(maps: Sequence[tuple[str, HeightMap]], *, caption: str) -> Figure:

@@ -1,6 +1,7 @@
 """Many structures through the same commands: manifest, records, failures, resuming."""
 
 import inspect
+import json
 import os
 import typing
 from dataclasses import replace
@@ -142,9 +143,13 @@ def test_a_file_of_somebody_else_is_never_replaced(folder):
 
 def test_one_failure_stops_its_own_structure_only(folder):
     write_height_map(folder / "targets/b.tif", HeightMap(np.zeros((9, 9)), 0.5, 0.5))
-    done = batch_of(folder)
+    done = batch_of(folder, "--json", str(folder / "said.json"))
     assert done.exit_code == 1
     assert "error: b: predict: targets/b.tif: heights: nothing written" in done.output
+    said = json.loads((folder / "said.json").read_text())
+    assert (said["done"], said["finished_before"], said["failed"]) == (2, 0, 1)
+    assert [step["state"] for step in said["structures"]["b"]] == ["failed", "not run"]
+    assert "nothing written" in said["structures"]["b"][0]["said"][0]
     assert [line.split() for line in done.output.splitlines() if line.startswith("b ")] == [
         ["b", "failed", "not", "run"]
     ]

@@ -51,7 +51,16 @@ def pairs(kind):
 @pytest.fixture(scope="module")
 def dried(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("diagnosis")
-    files = ["--maps", out / "maps", "--report", out / "report.html", "--params-out", out / "extended.yaml"]
+    files = [
+        "--plot",
+        out / "diagnosis.png",
+        "--maps",
+        out / "maps",
+        "--report",
+        out / "report.html",
+        "--params-out",
+        out / "extended.yaml",
+    ]
     found = called(folder, *pairs("dried"), "-o", str(out / "d.yaml"), *map(str, files))
     assert found.exit_code == 0, found.output
     return out, found
@@ -115,6 +124,7 @@ def test_terminal_and_page(dried):
     out, found = dried
     lines = found.stdout.splitlines()
     assert len(lines) <= 25
+    assert (out / "diagnosis.png").stat().st_size > 50_000
     assert "edge-drying" in found.stdout
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "edge-drying" in page

@@ -18,10 +18,11 @@ from dlwpredict.batch.workers import work
 from dlwpredict.cli import options
 from dlwpredict.cli.console import progress_shown, say, warn
 from dlwpredict.cli.large import Scheduler
-from dlwpredict.cli.streams import STANDARD
+from dlwpredict.cli.streams import STANDARD, tell
 from dlwpredict.errors import InputError, ResultError, blaming
 
 COMMAND = "batch"
+FIGURES = True
 
 COMMANDS = ("align", "calibrate", "convert", "diagnose", "export-stl", "precompensate", "predict", "score")
 OUTPUTS = ("output", "report", "json_file", "params_out", "plot", "transfer_plot", "unreachable", "maps")
@@ -205,7 +206,13 @@ def _tell(chains: list[Chain], done: dict[str, list[Step]]) -> None:
                     warn(f"{chain.name}: {step.command}: {text}")
     failed = sum(any(step.state == "failed" for step in steps) for steps in done.values())
     before = sum(all(step.state == "finished before" for step in steps) for steps in done.values())
-    say(f"{len(chains)} structures: {len(chains) - failed - before} done, {before} finished before, {failed} failed")
+    counts = {"done": len(chains) - failed - before, "finished before": before, "failed": failed}
+    states = {
+        chain.name: [{"command": step.command, "state": step.state, "said": step.said} for step in done[chain.name]]
+        for chain in chains
+    }
+    tell({"structures": states, **{key.replace(" ", "_"): count for key, count in counts.items()}})
+    say(f"{len(chains)} structures: {', '.join(f'{count} {key}' for key, count in counts.items())}")
 
 
 @contextlib.contextmanager

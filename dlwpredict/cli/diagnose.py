@@ -18,6 +18,7 @@ from dlwpredict.calibrate.recordings import WALL_PX, coarser
 from dlwpredict.calibrate.words import cautions_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnose.advise import advise
 from dlwpredict.diagnose.content import content_of
@@ -48,6 +49,7 @@ def run(
     params_out: Annotated[Path | None, typer.Option(help="Parameter file with the effects found.")] = None,
     maps: Annotated[Path | None, typer.Option(help="Folder for the maps of every pair.")] = None,
     report: Annotated[Path | None, typer.Option(help="The diagnosis as one HTML page.")] = None,
+    plot: Plot = None,
     holdout: options.Holdouts = None,
     repeat: options.Repeats = None,
     advice: Annotated[
@@ -61,7 +63,8 @@ def run(
 
     $ dlwpredict diagnose --pair cin.tif cin_aligned.tif --pair air.tif air_aligned.tif -o diagnosis.yaml
     """
-    options.check_outputs(output, params_out, report, overwrite=overwrite)
+    options.check_outputs(output, params_out, report, plot, overwrite=overwrite)
+    check_plot(plot)
     if maps and not maps.parent.is_dir():
         raise InputError("folder does not exist", where=maps, key="--maps", allowed=f"create {maps.parent} first")
     if maps and maps.exists() and not (maps.is_dir() and (overwrite or not any(maps.iterdir()))):
@@ -88,6 +91,13 @@ def run(
         _write_maps(maps, found, [part for _, part in recordings])
     if report:
         _write_report(report, found, content, pairs)
+    if plot:
+        from dlwpredict import plots
+
+        rows = [
+            (str(one), found.recordings[k].target, *_pair_maps(found, k).values()) for k, (_, one) in enumerate(pairs)
+        ]
+        plots.save(plot, plots.diagnosis(rows, caption=content["sentence"]))
     if params_out:
         stated = with_cautions(cautions(found, content))
         write_parameters(params_out, replace(extended(found), provenance=stated))

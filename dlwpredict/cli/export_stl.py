@@ -9,6 +9,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
+from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
@@ -43,13 +44,15 @@ def run(
     ] = 0.01,
     pitch_um: options.PitchUm = None,
     z_scale: options.ZScale = None,
+    plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Write a watertight binary STL (µm, flat base at z = 0); nothing is written where the height is 0.
 
     $ dlwpredict export-stl corrected.tif -o part.stl
     """
-    options.check_outputs(output, overwrite=overwrite)
+    options.check_outputs(output, plot, overwrite=overwrite)
+    check_plot(plot)
     if output.suffix.lower() != ".stl":
         raise InputError(f"found {output.suffix or 'no ending'}", where=output, key="format", allowed="allowed: .stl")
     part = read_height_map(height_map, pitch_um=options.pitch(pitch_um), z_scale=z_scale)
@@ -62,6 +65,10 @@ def run(
             solid, error_um = merged(solid, part, max_faces, max_error_um, base_um, min_thickness_um)
     with blaming(output), replacing(output) as temporary:
         write_solid(temporary, solid)
+    if plot is not None:
+        from dlwpredict import plots
+
+        plots.save(plot, plots.overview(part, name=output.stem, caption=part.summary()))
     for remark in solid.remarks:
         warn(f"{height_map}: {remark}")
     (x0, y0, _), (x1, y1, top) = solid.vertices_um.min(axis=0), solid.vertices_um.max(axis=0)

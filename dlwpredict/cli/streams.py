@@ -91,9 +91,12 @@ def with_streams(
             if path is not None and path in options.values():
                 raise InputError("named twice", where=path, key="--json", allowed="one file each")
             check_outputs(path, overwrite=options.get("overwrite", False))
-            run(**options)
-            if path is not None:
-                write_text(path, json_text(_told))
+            try:
+                run(**options)
+            except typer.Exit:  # it came to its end, and some of the work had failed
+                _write(path)
+                raise
+            _write(path)
 
     signature = inspect.signature(run, eval_str=True)
     parameters = list(signature.parameters.values())
@@ -101,6 +104,11 @@ def with_streams(
         parameters.append(inspect.Parameter("json_file", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Json))
     wrapped.__signature__ = signature.replace(parameters=parameters)
     return wrapped
+
+
+def _write(path: Path | None) -> None:
+    if path is not None:
+        write_text(path, json_text(_told))
 
 
 def _typed(name: str) -> str:

@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.plots import (
+    CERTAINTY_COLOURS,
     REFERENCE_LINE,
     TEST_LINE,
     THIRD_LINE,
@@ -25,7 +26,6 @@ from dlwpredict.plots import (
     show_map,
 )
 
-MISMATCH_COLOURS = "Purples"
 BASELINE_LINE = THIRD_LINE
 STYLE = {"font.size": 8.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}
 MAP_INCHES, PROFILE_INCHES = (3.1, 2.44), (4.7, 3.5)
@@ -128,7 +128,7 @@ def _maps(pair: PairMaps, locations: Sequence[Mapping[str, Any]], pixels: int, n
         found.append(Picture(uri(figure), title, text))
     figure, axes = map_axes()
     certain = coarser(pair.target, np.where(unknown, np.nan, pair.mismatch), pixels)
-    show_map(axes, certain, limits_um=(0, 1), colours=MISMATCH_COLOURS, label="mismatch")
+    show_map(axes, certain, limits_um=(0, 1), colours=CERTAINTY_COLOURS, label="mismatch")
     _frames(axes, locations)
     found.insert(
         1,
