@@ -211,9 +211,11 @@ def diagnose(
         if found is None:
             baseline = on_own_pixels(baseline)
         library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed)
-        search = Search(baseline, library, null, tell, scouts=found is None)
+        search = Search(baseline, library, null, tell)
         begun = fit(baseline.data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
+        if found is None and _doubtful(search, model):
+            model = search.widened(model)
         if model is baseline:
             break
         found, vector = on_own_pixels(model), baseline.point.vector
@@ -244,6 +246,14 @@ def diagnose(
         tuple(mismatch),
         tuple(_held_out(bare(recording), baseline, seed) for recording in holdout),
     )
+
+
+def _doubtful(search: Search, model: Fit) -> bool:
+    """Tell whether there is something that one effect does not explain: then the rest of the library is tried too."""
+    if not search.more(search.baseline):
+        return False
+    columns = Forms.of(search.baseline).columns
+    return len(search.added(model)) != 1 or Beside.of(model, columns, search.null).energy().p_value < SINGLE
 
 
 def _held_out(recording: Recording, baseline: Fit, seed: int) -> Whitened:

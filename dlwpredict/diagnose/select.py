@@ -141,15 +141,12 @@ class Search:
     null : Null
     tell : function of str
         Told what was tried.
-    scouts : bool
-        Look at the effects that the screen leaves aside, too.
     """
 
     baseline: Fit
     library: Library
     null: Null
     tell: Callable[[str], None] = lambda text: None
-    scouts: bool = True
     screened: dict[Fit, Screen] = field(default_factory=dict, repr=False)
     tried: dict[Fit, dict[str, Fit]] = field(default_factory=dict, repr=False)
 
@@ -172,13 +169,14 @@ class Search:
         Fit
             With the named effects among its parameters; the baseline itself where there are none.
         """
-        model = self._grown(start or self.baseline)
-        if self.scouts and len(self.added(model)) != 1 and self._more(self.baseline):
-            self.tried[self.baseline] |= self._scouted()
-            model = min(model, self._grown(self.baseline), key=_weighed)
-        return self._backward(model)
+        return self._backward(self._grown(start or self.baseline))
 
-    def _more(self, model: Fit) -> bool:
+    def widened(self, model: Fit) -> Fit:
+        """Choose once more, beside the baseline, among all effects; return the better of the two models."""
+        self.tried[self.baseline] = self.refits(self.baseline) | self._scouted()
+        return min(model, self._backward(self._grown(self.baseline)), key=_weighed)
+
+    def more(self, model: Fit) -> bool:
         """Tell whether some effect scores beside a model as noise hardly ever makes one."""
         scores = self.screen(model)
         return scores.p_value(np.abs(scores.z).max()) <= LEVEL
@@ -186,7 +184,7 @@ class Search:
     def _grown(self, model: Fit) -> Fit:
         """Add effects, one by one, while noise cannot explain the next one."""
         while len(self.added(model)) < MOST_EFFECTS:
-            if not self._more(model):
+            if not self.more(model):
                 break
             scores, tried = self.screen(model), self.refits(model)
             order = sorted(tried, key=lambda name: _weighed(tried[name]))
@@ -195,7 +193,7 @@ class Search:
             convincing = [grown for name, grown in tried.items() if _convinces(grown, model, self._least(scores, name))]
             if not convincing:
                 break
-            model = min(convincing, key=lambda grown: grown.chi2)
+            model = min(convincing, key=_weighed)
         return model
 
     def _best(self, scores: Screen, name: str) -> int:
@@ -234,9 +232,8 @@ class Search:
     def _scouted(self) -> dict[str, Fit]:
         """Refit, beside the baseline, effects that the screen has left aside, from their typical size.
 
-        What tangents take nearly whole, as a shift takes a lag, shows only where it bends. So before two names are
-        given, or none where there is something, all others are looked at; a whole refit is for those of which a few
-        steps promise half of what the best brings.
+        What tangents take nearly whole, as a shift takes a lag, shows only where it bends. A whole refit is for those
+        of which a few steps promise half of what the best brings.
         """
         model, scores, found = self.baseline, self.screen(self.baseline), {}
         known = self.refits(model)
@@ -271,6 +268,7 @@ class Search:
         scores = self.screen(rest)
         best = self._best(scores, effect.name)
         gain = rest.chi2 - model.chi2
+        z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
         limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
         others = [
             Alternative(_effect(fitted, name), fitted.chi2 - model.chi2, fitted)
@@ -278,7 +276,7 @@ class Search:
             if name != effect.name
         ]
         close = sorted((other for other in others if other.loss < limit), key=lambda other: other.loss)
-        return Named(effect, gain, scores.p_value(scores.z[best]), model, rest, tuple(close))
+        return Named(effect, gain, scores.p_value(z), model, rest, tuple(close))
 
 
 def refit(model: Fit, candidate: Candidate, share: float, iterations: int = ITERATIONS) -> Fit:
@@ -327,8 +325,12 @@ def _beyond(found: Fit, *, secant: bool = False) -> Fit:
 
 
 def _convinces(grown: Fit, model: Fit, limit: float) -> bool:
-    """Tell whether the last effect gains enough, with a strength whose 95 % interval leaves out its off value."""
-    return model.chi2 - grown.chi2 > limit and _inside(grown, grown.parameters.effects[-1].name)
+    """Tell whether the last effect gains enough, with a strength whose 95 % interval leaves out its off value.
+
+    The limit is that of one strength; whatever else it moves must bring its own 2 (Akaike 1974).
+    """
+    shapes = len(grown.free.names) - len(model.free.names) - 1
+    return model.chi2 - grown.chi2 - 2 * shapes > limit and _inside(grown, grown.parameters.effects[-1].name)
 
 
 def _inside(fitted: Fit, name: str) -> bool:
