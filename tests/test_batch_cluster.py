@@ -1,74 +1,28 @@
 """A batch on a real Dask cluster on loopback: a scheduler and two workers, one of them killed half way."""
 
 import importlib.util
-import json
 import re
 import signal
 import subprocess
-import sys
-import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
-from dlwpredict import designs
-from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files import read_height_map
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
+from tests.bench.speed.cluster import PREDICT, PROGRAM, cluster, structures, wait_for
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs dlwpredict[cluster]"),
 ]
-PROGRAM = [sys.executable, "-c", "from dlwpredict.cli import main; main()"]
 COUNT = 12
-
-
-def dask(kind, *words):
-    return subprocess.Popen(
-        [sys.executable, "-m", f"distributed.cli.dask_{kind}", *words, "--no-dashboard"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
-@contextmanager
-def cluster(folder, workers=2):
-    """Start a scheduler and workers; yield its address and the workers."""
-    note = folder / "scheduler.json"
-    started = [dask("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(note))]
-    try:
-        wait_for(note.exists)
-        place = ("--scheduler-file", str(note), "--nthreads", "1", "--no-nanny", "--local-directory", str(folder / "w"))
-        started += [dask("worker", *place) for _ in range(workers)]
-        yield address(note), started[1:]
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
-
-
-def address(note):
-    return json.loads(note.read_text())["address"]
-
-
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "targets").mkdir()
-    for seed in range(COUNT):
-        target = designs.air(size_um=20, pitch_um=0.25, margin_um=2, seed=seed)
-        write_height_map(tmp_path / f"targets/t{seed:02d}.tif", target)
-    (tmp_path / "m.yaml").write_text(
-        "format: dlwpredict-batch/1\nstructures: targets/*.tif\ncommands: ['predict {target} -o out/{name}.tif']\n"
-    )
+    structures(tmp_path, COUNT, PREDICT)
     return tmp_path
 
 
@@ -96,7 +50,7 @@ def test_a_killed_worker_loses_nothing(folder):
 
 
 def test_tiles_of_one_map_go_through_the_same_engine(folder):
-    target = folder / "targets/t00.tif"
+    target = folder / "targets/t000.tif"
     with cluster(folder) as (scheduler, _):
         words = ["predict", str(target), "-o", str(folder / "p.tif"), "--tile-px", "64", "--scheduler", scheduler]
         subprocess.run([*PROGRAM, *words], check=True, timeout=120)

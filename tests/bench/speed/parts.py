@@ -7,6 +7,7 @@ ratio is of wall time, or a figure is in seconds, it says so.
 from __future__ import annotations
 
 import math
+import statistics
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from dlwpredict.cli.commands import NAMES
+from tests.bench.speed import cluster
 from tests.bench.speed.measure import alternate, job
 
 PROGRAM = str(Path(sys.executable).with_name("dlwpredict"))
@@ -171,9 +173,24 @@ def diagnose(repeats: int) -> Iterator[Figure]:
     )
 
 
+def batch(repeats: int) -> Iterator[Figure]:
+    """Yield a batch of 200 structures on a Dask cluster of two workers against one, by wall time; and a killed one."""
+    for name, command in (
+        ("predict", cluster.PREDICT),
+        ("precompensate", cluster.PREDICT.replace("predict ", "precompensate ")),
+    ):
+        runs = [[cluster.seconds(workers, command) for workers in (1, 2)] for _ in range(min(repeats, 3))]
+        one, two = (statistics.median(times) for times in zip(*runs, strict=True))
+        note = f"{one:.1f} s against {two:.1f} s; means something on idle cores"
+        yield Figure(f"batch of 200 × {name}: one worker / two", one / two, "x", 1.8, True, len(runs), note)
+    count, error = cluster.survived()
+    note = f"largest error of a result {error:.1g} µm"
+    yield Figure("results of 200, one of two workers killed half way", count, "", 200, True, 1, note)
+
+
 PARTS: dict[str, Callable[[int], Iterator[Figure]]] = {
     part.__name__.replace("_", "-"): part
-    for part in (startup, predict, large, growth, calibrate, calibrate_full, precompensate, diagnose)
+    for part in (startup, predict, large, growth, calibrate, calibrate_full, precompensate, diagnose, batch)
 }
-LONG = ("large", "calibrate-full")
+LONG = ("large", "calibrate-full", "batch")
 """Parts that only run when they are asked for."""
