@@ -11,6 +11,7 @@ from dlwpredict.files.atomic import replacing
 from dlwpredict.heightmap import HeightMap
 from tests.crash.checks import full_disk, killed, read_only, refused, small_disk, two_at_once
 from tests.crash.commands import COMMANDS, OTHERS, WRITE_NOTHING, commands, inputs
+from tests.crash.resume import resumed
 
 QUICK = ("design", "convert", "predict", "precompensate", "export-stl")
 
@@ -52,6 +53,10 @@ def test_a_full_disk_or_a_closed_folder_is_one_line(source, tmp_path):
         pytest.skip(str(error))
     assert "cannot write (No space left on device)" in full_disk(COMMANDS["convert"], source, tmp_path / "full")
     assert "folder cannot be written to" in read_only(COMMANDS["convert"], source, tmp_path / "closed")
+
+
+def test_a_killed_batch_goes_on_as_if_nothing_had_happened(tmp_path):
+    assert resumed(tmp_path, kills=1, seed=0)["killed"] == 1
 
 
 def test_of_two_writers_one_wins_whole(source, tmp_path):

@@ -7,20 +7,24 @@ from pathlib import Path
 
 from tests.crash.checks import full_disk, killed, read_only, two_at_once
 from tests.crash.commands import COMMANDS, inputs
+from tests.crash.resume import resumed
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--kills", type=int, default=50, help="kills per command")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--command", choices=COMMANDS, action="append", help="only these")
+    parser.add_argument("--command", choices=[*COMMANDS, "batch"], action="append", help="only these")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         source = root / "source"
         source.mkdir()
         inputs(source)
-        for command in asked.command or COMMANDS:
+        for command in asked.command or [*COMMANDS, "batch"]:
+            if command == "batch":
+                print(f"batch, begun again: {dict(resumed(root / 'batch', asked.kills, asked.seed))}", flush=True)
+                continue
             words, began = COMMANDS[command], time.perf_counter()
             found = killed(words, source, root / f"killed-{command}", asked.kills, asked.seed)
             told = ", ".join(f"{count} {what}" for what, count in sorted(found.items()))
