@@ -128,9 +128,9 @@ def strength(hidden: Hidden, times: float, bare: Bare) -> dict:
         if value in tried or min(abs(np.log(goal / max(s["z"], 1e-9))) for s in tried.values()) < CLOSE:
             break
         tried[value] = bare.shares(hidden.at(value))
-    reached = [at for at in tried if tried[at]["z"] <= goal * (1 + CLOSE)]
-    value = max(reached or tried, key=lambda at: tried[at]["z"])
-    if tried[value]["z"] < WEAKEST * LIMIT_Z:
+    order = sorted(tried, key=lambda at: tried[at]["z"])
+    value = [order[0], *(at for at in order if tried[at]["z"] <= goal * (1 + CLOSE))][-1]
+    if tried[value]["z"] < WEAKEST * LIMIT_Z * (1 - CLOSE):
         value = hidden.probe
     shares = tried[value]
     return {
