@@ -34,15 +34,12 @@ class Command:
         The files it reads and writes, main output first.
     overwrite : bool
         Whether outputs that are not its own may be replaced.
-    quicker : tuple of str
-        Further words, which change no result.
     """
 
     words: tuple[str, ...]
     inputs: tuple[Path, ...]
     outputs: tuple[Path, ...]
     overwrite: bool = False
-    quicker: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,7 +107,7 @@ def _step(chain: Chain, command: Command) -> Step:
         (folder / output).parent.mkdir(parents=True, exist_ok=True)
     write_record(place, Record(command.words, inputs, {}, standing=older))
     start = time.perf_counter()
-    said = chain.program((*command.words, *command.quicker, "--overwrite"), folder)
+    said = chain.program((*command.words, "--overwrite"), folder)
     seconds = time.perf_counter() - start
     if said.code:
         if before and before.outputs and hashes(folder, command.outputs) == present:

@@ -75,11 +75,11 @@ class Problem:
     recordings: tuple[Recording, ...]
     free: Free
     loss: Loss = field(default_factory=Square)
-    threads: int = 2
+    threads: int = 1
     unit_px: int = 0
     work: float = 0.0
     watch: Callable[[Point], None] | None = None
-    numerics: Levels = field(default_factory=lambda: Levels(threads=1))
+    numerics: Levels = field(default_factory=Levels)
 
     def __post_init__(self) -> None:
         self.unit_px = self.unit_px or sum(r.target.heights_um.size for r in self.recordings)

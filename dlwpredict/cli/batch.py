@@ -108,9 +108,7 @@ def command_of(words: tuple[str, ...], number: int, overwrite: bool) -> Command:
     inputs = [path for name in given if name not in written for path in given[name]]
     if not outputs or Path(STANDARD) in outputs:
         raise InputError(f"{words[0]} leaves no file", key=key, allowed="name an output (score: --json FILE)")
-    # the workers share the cores already
-    alone = ("--threads", "1") if "threads" in values and "--threads" not in words else ()
-    return Command(words, tuple(inputs), tuple(outputs), overwrite, alone)
+    return Command(words, tuple(inputs), tuple(outputs), overwrite)
 
 
 def _rank(name: str) -> int:

@@ -45,7 +45,7 @@ def run(
         bool,
         typer.Option("--as-measured", help="Add the measurement effects: what the instrument would show."),
     ] = False,
-    threads: Annotated[int, typer.Option(help="Threads of the fast method.", min=1)] = 2,
+    threads: Annotated[int, typer.Option(help="Threads of the fast method.", min=1)] = 1,
     tile_px: TilePx = None,
     scheduler: Scheduler = None,
     plot: Plot = None,

@@ -184,7 +184,7 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool],
     widths = np.array([place[k] - vector[k] for k, place in enumerate(moved)])
     sets = [parameters, *(fitted.free.parameters(place) for place in moved), *(_with(parameters, m) for m in members)]
     present = {item.recording.target: item for item in fitted.data}
-    numerics = Levels(threads=1)
+    numerics = Levels()
     resized = cache(fewer_pixels)
 
     @cache

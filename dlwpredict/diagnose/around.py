@@ -50,9 +50,9 @@ class Around:
     def of(cls, recordings: Sequence[Recording], free: Free, point: Point) -> Around:
         """Compute them."""
         parameters = free.parameters(point.vector)
-        problem = Problem(tuple(recordings), free, threads=1, numerics=point.traces[0].numerics)
+        problem = Problem(tuple(recordings), free, numerics=point.traces[0].numerics)
         chosen = candidates(parameters)
-        changes = signatures(chosen, recordings, parameters, point.traces, threads=1)
+        changes = signatures(chosen, recordings, parameters, point.traces)
         fine = [discretisation_um(recording, parameters) for recording in recordings]
         derivatives = problem.jacobian(point)
         designs = []

@@ -34,7 +34,7 @@ ALIKE = 1e-6
 
 def calibrated(recordings: Sequence[Recording], free: Free, seed: int) -> Point:
     """Fit by robust least squares, then once more with lateral shifts free: the start of the likelihood."""
-    problem = Problem(tuple(recordings), free, threads=1)
+    problem = Problem(tuple(recordings), free)
     start = problem.at(free.start)
     problem = problem.with_loss_scaled(start, robust=True)
     point = fast(problem, problem.compared(start.vector, start.traces), seed=seed, gain=GAIN)

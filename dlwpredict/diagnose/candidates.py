@@ -128,7 +128,7 @@ def signatures(
     recordings: Sequence[Recording],
     parameters: ParameterSet,
     known: Sequence[Trace],
-    threads: int = 2,
+    threads: int = 1,
 ) -> list[list[np.ndarray]]:
     """Return the change of every recording's prediction per typical size of every candidate.
 

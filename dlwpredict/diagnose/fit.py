@@ -119,7 +119,7 @@ class Fit:
 
 def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
     """Predict recordings with given parameters; only nuisances are fitted, and there are no derivatives."""
-    return _at(Problem(tuple(bare(item.recording) for item in data), free, threads=1), data, vector, None)
+    return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, None)
 
 
 def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
@@ -168,7 +168,7 @@ def fit(
         Take the derivatives that `known` has from it, and never compute them anew, even where a step does not keep
         its promise. Much cheaper, and enough to rank candidates.
     """
-    problem = Problem(tuple(bare(item.recording) for item in data), free, threads=1)
+    problem = Problem(tuple(bare(item.recording) for item in data), free)
     vector = free.allowed(np.array(free.start if start is None else start))
     now = _at(problem, data, vector, known.point if known else None)
     now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))

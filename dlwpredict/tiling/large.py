@@ -66,7 +66,7 @@ class Large:
     parameters: ParameterSet
     tile_px: int
     as_measured: bool = False
-    threads: int = 2
+    threads: int = 1
     scheduler: str | None = None
     on_tile: Progress = field(default=lambda done, count: None, repr=False)
 
