@@ -63,20 +63,20 @@ def wait_for(condition: Callable[[], bool], seconds: float = 60) -> None:
         time.sleep(0.05)
 
 
-def structures(folder: Path, count: int, command: str) -> None:
-    """Write targets and the manifest of a batch."""
+def structures(folder: Path, count: int, command: str, size_um: float = 20.0) -> None:
+    """Write targets of this size on pixels of a quarter of a micrometre, and the manifest of a batch."""
     (folder / "targets").mkdir(parents=True)
     for seed in range(count):
-        part = designs.air(size_um=20, pitch_um=0.25, margin_um=2, seed=seed)
+        part = designs.air(size_um=size_um, pitch_um=0.25, margin_um=2, seed=seed)
         write_height_map(folder / f"targets/t{seed:03d}.tif", part)
     (folder / "m.yaml").write_text(MANIFEST.format(command=command))
 
 
-def seconds(workers: int, command: str) -> float:
-    """Return how long a batch of 200 structures takes from the first result on; starting is not counted."""
+def seconds(workers: int, command: str, size_um: float) -> float:
+    """Return how long a batch of 200 structures takes from the first results on; starting is not counted."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        structures(folder, STRUCTURES, command)
+        structures(folder, STRUCTURES, command, size_um)
         with cluster(folder, workers) as (scheduler, _):
             running = _batch(folder, scheduler)
             wait_for(lambda: _results(folder) >= 2 * workers or running.poll() is not None)

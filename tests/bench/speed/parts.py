@@ -175,14 +175,13 @@ def diagnose(repeats: int) -> Iterator[Figure]:
 
 def batch(repeats: int) -> Iterator[Figure]:
     """Yield a batch of 200 structures on a Dask cluster of two workers against one, by wall time; and a killed one."""
-    for name, command in (
-        ("predict", cluster.PREDICT),
-        ("precompensate", cluster.PREDICT.replace("predict ", "precompensate ")),
-    ):
-        runs = [[cluster.seconds(workers, command) for workers in (1, 2)] for _ in range(min(repeats, 3))]
-        one, two = (statistics.median(times) for times in zip(*runs, strict=True))
+    correct = cluster.PREDICT.replace("predict", "precompensate", 1)
+    for command, size_um, times in ((cluster.PREDICT, 20, 3), (correct, 20, 3), (correct, 80, 1)):
+        runs = [[cluster.seconds(workers, command, size_um) for workers in (1, 2)] for _ in range(min(repeats, times))]
+        one, two = (statistics.median(walls) for walls in zip(*runs, strict=True))
         note = f"{one:.1f} s against {two:.1f} s; means something on idle cores"
-        yield Figure(f"batch of 200 × {name}: one worker / two", one / two, "x", 1.8, True, len(runs), note)
+        name = f"batch of 200, {command.split()[0]} {size_um} µm: one worker / two"
+        yield Figure(name, one / two, "x", 1.8, True, len(runs), note)
     count, error = cluster.survived()
     note = f"largest error of a result {error:.1g} µm"
     yield Figure("results of 200, one of two workers killed half way", count, "", 200, True, 1, note)
