@@ -9,18 +9,20 @@ from dlwpredict import designs
 from dlwpredict.calibrate.recordings import prepare
 from dlwpredict.diagnose.baseline import discretisation_um, on_own_pixels
 from dlwpredict.diagnose.candidates import candidates
+from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside
 from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, unwhitened, width_rows
 from dlwpredict.diagnose.fit import bare, fit
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch, scores
 from dlwpredict.diagnose.noise_fit import _at, estimate
+from dlwpredict.diagnose.noise_uneven import Unevenness
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.screen import Null, Screen, beside, screen
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise, Uneven, matern
+from dlwpredict.noise import Noise, Uneven, grown, matern
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.smoothing import block_mean
@@ -347,3 +349,24 @@ def test_a_place_is_a_share_a_length_and_a_scale():
     """Three quarters of the variance 0.01 are correlated over 2 µm."""
     model = _at(NOISE, np.array([np.log(3.0), np.log(2.0), np.log(0.1)]))
     assert (model.white_um, model.correlated_um, model.length_um) == pytest.approx((0.05, 0.1 * np.sqrt(0.75), 2.0))
+
+
+def test_uneven_noise_is_the_root_of_its_parts():
+    assert UNEVEN.sigma_um == pytest.approx(np.sqrt(0.005**2 + 0.02**2 + 0.008**2 + 0.004**2))
+    assert grown(0.5, 2.0) == pytest.approx(np.hypot(1, 0.5)) and grown(0.5, 1.0) == pytest.approx(1.5)
+
+
+def test_half_the_time_even_noise_is_most_likely_even():
+    """So a gain of 2.706, which χ² of one degree of freedom exceeds one time in ten, is exceeded one in twenty."""
+    assert Unevenness(0.01, 2.7055).p_value == pytest.approx(0.05, abs=1e-4)
+    assert Unevenness(0.01, 0.0).p_value == 1.0
+    assert (Unevenness(0.01, 5.0).found, Unevenness(0.01, 6.0).found) == (0.0, 0.01)
+
+
+def test_columns_count_where_no_repeat_has_told_them_from_the_print():
+    sure, none = Unevenness(0.004, 12.0), Unevenness(0.0, 0.0)
+    noises = [SimpleNamespace(source="residual", columns=one) for one in (none, sure)]
+    found = Columns.of(noises)
+    assert (found.pair, found.size_um, found.excess) == (1, 0.004, 12.0)
+    assert found.p_value == pytest.approx(1 - (1 - sure.p_value) ** 2)
+    assert Columns.of([SimpleNamespace(source="repeats", columns=sure)]).p_value == 1.0
