@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage, optimize, special
+from scipy import ndimage, optimize, sparse, special
 
 from dlwpredict.diagnose.noise_uneven import Evened, Unevenness
-from dlwpredict.noise import Noise, Uneven, grown
+from dlwpredict.noise import Noise, Uneven
 from dlwpredict.whitening import Neighbourhood, lines
 
 DISCREPANCY_UM = 0.0015
@@ -112,19 +112,13 @@ def estimate(
     draw = np.random.default_rng(seed)
     likelihood = _Likelihood(every[_some(np.arange(len(y)), SEARCHED_POINTS, draw)], y[:, None], design)
     model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds)
-    steep = np.broadcast_to(slope, used.shape)[used]
-    even, near = Evened(y, design, (lines(used, 0), lines(used, 1)), np.ones(len(y))), every.whitener(model)
-    for axis in sorted((0, 1), key=lambda axis: -even.offsets(near, axis).gain):
-        if even.offsets(every.whitener(model), axis).found:
-            even = replace(even, axes=(*even.axes, axis))
+    even = Evened(y, design, (lines(used, 0), lines(used, 1)), np.broadcast_to(slope, used.shape)[used])
+    for step in (_along_lines, _along_lines, _on_slopes):
+        found = step(even, every.whitener(model))
+        if found is not even:
+            even = found
             likelihood = replace(likelihood, values_um=even.of(y[:, None]), design=even.of(design))
             model, place = _searched(likelihood, model, kinds)
-    near = every.whitener(model)
-    power, growth = max(((p, even.jitter(near, steep, p)) for p in POWERS), key=lambda one: one[1].gain)
-    if growth.found:
-        even = replace(even, scale=grown(growth.found * steep, power))
-        likelihood = replace(likelihood, values_um=even.of(y[:, None]), design=even.of(design))
-        model, place = _searched(likelihood, model, kinds)
     quiet = _quiet(every, likelihood.values_um[:, 0], used, model)
     if len(quiet) < len(y):
         likelihood = replace(likelihood, chosen=every[_some(quiet, SEARCHED_POINTS, draw)])
@@ -138,8 +132,22 @@ def estimate(
     place = place - np.clip(repeated.mean(axis=0) - start, -1, 1)
     model = _floored(_at(model, place))
     rows, columns = (even.offsets(every.whitener(model), axis) for axis in (0, 1))
-    found = Uneven(model, growth.found * model.sigma_um, power, rows.found, columns.found)
-    return NoiseEstimate(found, place, np.cov(repeated.T), source, columns)
+    uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows.found, columns.found)
+    return NoiseEstimate(uneven, place, np.cov(repeated.T), source, columns)
+
+
+def _along_lines(even: Evened, near: sparse.csr_array) -> Evened:
+    """Look beside the means of rows or of columns, whichever are more surely uneven and are not looked beside yet."""
+    found = {axis: even.offsets(near, axis) for axis in (0, 1) if axis not in even.axes}
+    axis = max(found, key=lambda one: found[one].gain)
+    return replace(even, axes=(*even.axes, axis)) if found[axis].found else even
+
+
+def _on_slopes(even: Evened, near: sparse.csr_array) -> Evened:
+    """Divide by the growth on slopes that is likelier."""
+    growths = {power: even.jitter(near, power) for power in POWERS}
+    power = max(growths, key=lambda one: growths[one].gain)
+    return replace(even, growth=growths[power].size, power=power) if growths[power].found else even
 
 
 def _some(points: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:

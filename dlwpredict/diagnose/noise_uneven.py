@@ -68,8 +68,11 @@ class Evened:
         What may be in the values besides noise.
     members : tuple of scipy.sparse.csr_array, shape (points, lines)
         Which points lie on which row, and on which column.
-    scale : numpy.ndarray, shape (points,)
-        How many times stronger the noise is than on flat ground: everything is divided by it.
+    steep : numpy.ndarray, shape (points,)
+        |∇f|.
+    growth, power : float
+        k and p of s = (1 + (k·|∇f|)^p)^(1/p), how many times stronger the noise is than on flat ground: everything is
+        divided by it.
     axes : tuple of int
         0 or 1: rows or columns beside whose means everything is looked at.
     """
@@ -77,8 +80,15 @@ class Evened:
     values_um: np.ndarray
     design: np.ndarray
     members: tuple[sparse.csr_array, sparse.csr_array]
-    scale: np.ndarray
+    steep: np.ndarray
+    growth: float = 0.0
+    power: float = 2.0
     axes: tuple[int, ...] = ()
+
+    @property
+    def scale(self) -> np.ndarray:
+        """How many times stronger the noise is than on flat ground, shape (points,)."""
+        return grown(self.growth * self.steep, self.power)
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Return values (points, columns) made even."""
@@ -120,29 +130,26 @@ class Evened:
 
         return _likeliest(gain, OFFSETS_UM)
 
-    def jitter(self, near: sparse.csr_array, steep: np.ndarray, power: float) -> Unevenness:
+    def jitter(self, near: sparse.csr_array, power: float) -> Unevenness:
         """Estimate how noise grows on slopes, in standard deviations of the noise on flat ground.
 
-        −2 ln L(k) = n ln Σ w_i² + 2 Σ ln s_i with s = (1 + (k·|∇f|)^p)^(1/p), and w the whitened r/s of what the
-        design leaves.
+        −2 ln L(k) = n ln Σ w_i² + 2 Σ ln s_i with w the whitened r/s of what the design leaves.
 
         Parameters
         ----------
         near : scipy.sparse.csr_array, shape (points, points)
             Whitens noise as it is on flat ground.
-        steep : numpy.ndarray, shape (points,)
-            |∇f|.
         power : float
             p.
         """
-        if not steep.any():
+        if not self.steep.any():
             return Unevenness(0.0, 0.0)
         values, design = self.of(self.values_um[:, None])[:, 0], self.of(self.design)
         basis, turn = _orthonormal(near @ design)
         left = values - design @ (turn @ (basis.T @ (near @ values)))
 
         def deviance(size: float) -> float:
-            scale = grown(size * steep, power)
+            scale = grown(size * self.steep, power)
             white = near @ (left / scale)
             most = OUTLYING * np.sqrt(np.mean(white**2))
             return float(len(white) * np.log(np.sum(np.clip(white, -most, most) ** 2)) + 2 * np.log(scale).sum())
