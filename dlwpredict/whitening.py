@@ -19,7 +19,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve_triangular
 
-from dlwpredict.noise import Noise, Uneven, matern
+from dlwpredict.noise import Noise, matern
+from dlwpredict.uneven import Uneven
 
 NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
 """Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones."""

@@ -30,9 +30,10 @@ from dlwpredict.effects import library
 from dlwpredict.files import read_height_map
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise, Uneven
+from dlwpredict.noise import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
+from dlwpredict.uneven import Uneven
 
 TRUTH = ParameterSet(paper=Paper(0.5, 1.6, 0.45, 6.0, 6.5, 0.72, 0.96))
 LAG, SLOPE = library()["galvo-lag"](lag_um=0.5), library()["slope-error"](signed_y_um=-0.4)

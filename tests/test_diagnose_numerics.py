@@ -22,10 +22,11 @@ from dlwpredict.diagnose.screen import Null, Screen, beside, screen
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise, Uneven, grown, matern
+from dlwpredict.noise import Noise, matern
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.smoothing import block_mean
+from dlwpredict.uneven import Uneven, grown
 from dlwpredict.whitening import Neighbourhood, Whitener
 
 NOISE = Noise(0.005, 0.02, 1.0, 0.4, 0.4)

@@ -18,6 +18,7 @@ LAYERS = [
     {"parameters"},
     {"rasterise", "bisection", "walls"},
     {"smoothing", "missing", "mesh", "noise", "score", "transfer", "parallel"},
+    {"uneven"},
     {"model", "designs", "whitening"},
     {"effects"},
     {"process", "flat"},

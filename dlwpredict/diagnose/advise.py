@@ -27,8 +27,9 @@ from dlwpredict.effects.base import Effect
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
-from dlwpredict.noise import FLOOR, Uneven
+from dlwpredict.noise import FLOOR
 from dlwpredict.parameters import ParameterSet
+from dlwpredict.uneven import Uneven
 
 SURE = 5.0
 """Standard deviations at which two effects count as told apart; nothing dearer is then looked for ..."""

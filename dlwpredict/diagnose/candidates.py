@@ -14,7 +14,6 @@ from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.parallel import each
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 from dlwpredict.process import predict
 
@@ -128,7 +127,6 @@ def signatures(
     recordings: Sequence[Recording],
     parameters: ParameterSet,
     known: Sequence[Trace],
-    threads: int = 1,
 ) -> list[list[np.ndarray]]:
     """Return the change of every recording's prediction per typical size of every candidate.
 
@@ -147,6 +145,6 @@ def signatures(
         return np.nan_to_num(moved.heights_um - known[index].heights_um) / step
 
     jobs = [(candidate, index) for candidate in chosen for index in range(len(recordings))]
-    maps = each(change, jobs, threads)
+    maps = [change(job) for job in jobs]
     per = len(recordings)
     return [maps[k * per : (k + 1) * per] for k in range(len(chosen))]

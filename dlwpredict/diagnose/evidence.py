@@ -14,8 +14,8 @@ from scipy import ndimage, sparse
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Uneven
 from dlwpredict.parameters import Paper, ParameterSet, declarations
+from dlwpredict.uneven import Uneven
 from dlwpredict.whitening import Whitener
 
 SCALE_PRIOR = 2e-3

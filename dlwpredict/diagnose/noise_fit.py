@@ -16,7 +16,8 @@ import numpy as np
 from scipy import ndimage, optimize, sparse, special
 
 from dlwpredict.diagnose.noise_uneven import Evened, Unevenness
-from dlwpredict.noise import Noise, Uneven
+from dlwpredict.noise import Noise
+from dlwpredict.uneven import Uneven
 from dlwpredict.whitening import Neighbourhood, lines
 
 DISCREPANCY_UM = 0.0015
@@ -131,7 +132,8 @@ def estimate(
             break
     place = place - np.clip(repeated.mean(axis=0) - start, -1, 1)
     model = _floored(_at(model, place))
-    rows, columns = (even.offsets(every.whitener(model), axis) for axis in (0, 1))
+    near = every.whitener(model)
+    rows, columns = (even.offsets(near, axis) for axis in (0, 1))
     uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows.found, columns.found)
     return NoiseEstimate(uneven, place, np.cov(repeated.T), source, columns)
 

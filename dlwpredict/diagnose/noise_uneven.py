@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, sparse, special
 
-from dlwpredict.noise import grown
+from dlwpredict.uneven import grown
 
 LEVEL = 0.01
 """Probability that even noise is called uneven, each way of being so."""

@@ -24,9 +24,9 @@ from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.diagnose.select import Library, Named, Search, freed
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Uneven
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
+from dlwpredict.uneven import Uneven
 
 LEVEL = 0.025
 """Probability that noise alone is called structure; the naming of effects takes as much again."""

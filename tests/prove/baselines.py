@@ -19,8 +19,9 @@ from dlwpredict.diagnose.select import freed
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise, Uneven
+from dlwpredict.noise import Noise
 from dlwpredict.parameters import ParameterSet, declarations
+from dlwpredict.uneven import Uneven
 from tests.prove.linear import whitened
 
 MOST_TERMS = 3

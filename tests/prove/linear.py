@@ -16,9 +16,10 @@ from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit, bare, fit
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise, Uneven
+from dlwpredict.noise import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
+from dlwpredict.uneven import Uneven
 
 LIMIT_Z = 5.0
 """The detection limit: a change that stands this many standard deviations out of the noise after the seven parameters,
