@@ -1,6 +1,9 @@
 """A small part of `make test-crash`: commands killed while they write, full disks, two writers at once."""
 
+import os
+import subprocess
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +77,20 @@ def test_temporary_files_of_the_dead_are_cleared_away_those_of_the_living_are_no
         assert living.exists()
         assert not dead.exists()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.tif", "b.tif"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the process list")
+def test_a_process_that_nobody_has_asked_about_is_dead_all_the_same(tmp_path):
+    """As in a container: what a killed worker has left there would stay for ever."""
+    with subprocess.Popen(["true"]) as ended:
+        os.waitid(os.P_PID, ended.pid, os.WEXITED | os.WNOWAIT)
+        with replacing(tmp_path / "b.tif") as living:
+            left = living.with_name(living.name.replace(f"-{os.getpid()}-", f"-{ended.pid}-"))
+            living.write_text("half")
+            left.write_text("half")
+            write_height_map(tmp_path / "a.tif", HeightMap(np.ones((4, 4)), 1, 1))
+            assert living.exists()
+            assert not left.exists()
 
 
 def test_a_failure_keeps_the_old_output(tmp_path):

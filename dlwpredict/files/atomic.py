@@ -83,13 +83,18 @@ def _clear(folder: Path) -> None:
 
 
 def _runs(process: int) -> bool:
-    """Tell whether a process runs; where that cannot be asked, it is taken to."""
+    """Tell whether a process runs; where that cannot be asked, it is taken to.
+
+    One that has ended stays in the list until its parent has asked about it: in a container, where nobody does, for
+    ever.
+    """
     if os.name != "posix":
         return True
     try:
         os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(") ")[2][:1]
     except ProcessLookupError:
         return False
     except OSError:
         return True
-    return True
+    return state not in ("Z", "X")
