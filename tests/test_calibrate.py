@@ -192,6 +192,22 @@ class TestDescent:
         np.testing.assert_allclose(point.nuisances[0], [0.04, 0.0], atol=1e-9)
         assert point.rmse_um < 1e-9
 
+    def test_derivatives_are_taken_once_per_place(self, air, printed):
+        """Another loss and freed shifts change what is made of them, not the prediction's derivatives."""
+        problem = Problem((prepare(air, printed.with_heights(1.01 * printed.heights_um)),), choose(TRUTH))
+        point = problem.at(problem.free.start)
+        problem.jacobian(point)
+        other = problem.with_loss_scaled(point, robust=True).with_free_shift(point)
+        moved = other.compared(point.vector, point.traces)
+        spent = other.work
+        anew = Problem(other.recordings, other.free, other.loss)
+        np.testing.assert_array_equal(other.jacobian(moved)[0], anew.jacobian(anew.at(point.vector))[0])
+        assert other.work == spent
+        elsewhere = problem.at(0.99 * point.vector, point)
+        spent = problem.work
+        assert np.abs(problem.jacobian(elsewhere)[0] - problem.jacobian(point)[0]).max() > 0
+        assert problem.work > spent
+
 
 class TestLoss:
     def test_huber_is_the_square_for_honest_residuals(self):

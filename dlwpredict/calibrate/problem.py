@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from dlwpredict.calibrate.recordings import Recording, with_nuisances
 from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.flat import Free, fittable
 from dlwpredict.model.levels import Levels
-from dlwpredict.parallel import each
 
 STEP_OF_RANGE = 0.003
 """Step of a finite difference, in units of the declared range ..."""
@@ -62,24 +62,24 @@ class Problem:
     free : Free
         What moves.
     loss : Loss
-    threads : int
-        Predictions computed at once.
     unit_px : int
         Pixels whose prediction counts as one unit of work: those of the recordings at full resolution.
     work : float
         Predictions of all recordings at full resolution that were spent so far; cheaper ones count by their share.
     watch : function of Point, optional
         Called with every new point.
+    known : list
+        The last two sets of predictions at which derivatives were taken, each with these.
     """
 
     recordings: tuple[Recording, ...]
     free: Free
     loss: Loss = field(default_factory=Square)
-    threads: int = 1
     unit_px: int = 0
     work: float = 0.0
     watch: Callable[[Point], None] | None = None
     numerics: Levels = field(default_factory=Levels)
+    known: list[tuple[tuple[Trace, ...], list[np.ndarray]]] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self.unit_px = self.unit_px or sum(r.target.heights_um.size for r in self.recordings)
@@ -120,6 +120,13 @@ class Problem:
         tuple of numpy.ndarray, shape (points, parameters)
             One per recording; the nuisance columns are projected out with the point's weights.
         """
+        found = next((columns for traces, columns in self.known if traces is point.traces), None)
+        if found is None:
+            found = self._derivatives(point)
+            self.known = [(point.traces, found), *self.known[:1]]
+        return tuple(project(r.columns, c, w) for r, c, w in zip(self.recordings, found, point.weights, strict=True))
+
+    def _derivatives(self, point: Point) -> list[np.ndarray]:
         steps = [self._step(k, point.vector) for k in range(len(point.vector))]
         jobs, places = [], []
         for k, step in enumerate(steps):
@@ -131,25 +138,27 @@ class Problem:
         for (i, k), new in zip(places, self._traces(jobs), strict=True):
             change = new.heights_um - point.traces[i].heights_um
             columns[i][:, k] = change[self.recordings[i].used] / steps[k]
-        return tuple(project(r.columns, c, w) for r, c, w in zip(self.recordings, columns, point.weights, strict=True))
+        return columns
 
     def with_loss_scaled(self, point: Point, *, robust: bool) -> Problem:
         """Return the problem with the scale of the robust loss taken from this point's residuals."""
         loss = Huber(scale_um(np.concatenate(point.residuals))) if robust else Square()
-        return replace(self, loss=loss)
+        return self._likewise(loss=loss)
 
     def with_free_shift(self, point: Point) -> Problem:
         """Return the problem with a lateral shift of every recording free, to first order about this point."""
         pairs = zip(self.recordings, point.traces, strict=True)
-        return replace(self, recordings=tuple(with_nuisances(r, t.heights_um) for r, t in pairs))
+        return self._likewise(recordings=tuple(with_nuisances(r, t.heights_um) for r, t in pairs))
+
+    def _likewise(self, **changes: Any) -> Problem:
+        """Return the problem with another loss or other nuisances: derivatives of the prediction stay what they are."""
+        other = replace(self, **changes)
+        other.known = self.known
+        return other
 
     def _traces(self, jobs: list) -> list[Trace]:
-        def run(job: tuple) -> Trace:
-            index, parameters, known = job
-            return trace(self.recordings[index].target, parameters, self.numerics, known)
-
-        traces = each(run, jobs, self.threads)
-        sizes = [self.recordings[index].target.heights_um.size for index, *_ in jobs]
+        traces = [trace(self.recordings[k].target, process, self.numerics, known) for k, process, known in jobs]
+        sizes = [self.recordings[k].target.heights_um.size for k, *_ in jobs]
         self.work += sum(t.work * size for t, size in zip(traces, sizes, strict=True)) / self.unit_px
         return traces
 
