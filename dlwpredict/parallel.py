@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from importlib import import_module
+from multiprocessing import get_context, parent_process
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing.process import BaseProcess
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+
+SHARES = 4
+"""Jobs are handed to a process in about so many portions: few, for what they have in common is sent once per portion;
+but not one, or the last process keeps the others waiting."""
 
 
 def each(function: Callable[[Job], Result], jobs: Iterable[Job], threads: int) -> list[Result]:
@@ -24,3 +38,81 @@ def each(function: Callable[[Job], Result], jobs: Iterable[Job], threads: int) -
         return [function(job) for job in jobs]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(function, jobs))
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def cores_for_workers() -> int:
+    """Return how many workers are sensible: as many as cores, and none beside it in a process that is one itself."""
+    return 1 if parent_process() else cores()
+
+
+def begin_worker(on_interrupt: signal.Handlers) -> None:
+    """Prepare a worker: what Ctrl-C does to it, and that it ends when the process that started it has ended.
+
+    Left to itself it would wait for jobs for ever after a kill that leaves no time to say so.
+    """
+    signal.signal(signal.SIGINT, on_interrupt)
+    threading.Thread(target=_end_with, args=(parent_process(),), daemon=True).start()
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@dataclass(eq=False)
+class Workers:
+    """Processes that share jobs of tenths of a second and more; they start on entering, and end on leaving.
+
+    Until they are ready this process does the jobs itself.
+
+    Parameters
+    ----------
+    processes : int
+        1 = this one.
+    module : str
+        What they load before they are ready.
+
+    Examples
+    --------
+    >>> with Workers() as workers:
+    ...     workers.each(pow, [(2, 2), (3, 2)])
+    [4, 9]
+    """
+
+    processes: int = 1
+    module: str = "dlwpredict.process"
+    _pool: ProcessPoolExecutor | None = field(default=None, init=False)
+    _loading: list[Future] = field(default_factory=list, init=False)
+
+    def __enter__(self) -> Workers:
+        if self.processes > 1:
+            from concurrent.futures import ProcessPoolExecutor  # not above: other commands start sooner without it
+
+            begin = {"initializer": begin_worker, "initargs": (signal.SIG_DFL,)}
+            self._pool = ProcessPoolExecutor(self.processes, mp_context=get_context("spawn"), **begin)
+            self._loading = [self._pool.submit(import_module, self.module) for _ in range(self.processes)]
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        if self._pool:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
+
+    def each(self, function: Callable[..., Result], jobs: Sequence[tuple]) -> list[Result]:
+        """Return the function's results in the order of the jobs; a job is what it is called with.
+
+        The function must be a module's, so that another process finds it by its name.
+        """
+        if self._pool is None or len(jobs) < 2 or not all(one.done() for one in self._loading):
+            return [function(*job) for job in jobs]
+        portion = -(-len(jobs) // (SHARES * self.processes))
+        return list(self._pool.map(function, *zip(*jobs, strict=True), chunksize=portion))
+
+
+ALONE = Workers()
+"""Nobody beside this process."""

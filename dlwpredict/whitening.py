@@ -95,6 +95,12 @@ class Neighbourhood:
         """Rows and places of all present neighbours."""
         return np.nonzero(self.present)
 
+    @cached_property
+    def layout(self) -> tuple[np.ndarray, np.ndarray]:
+        """Columns and row ends of the sparse matrix (points, all measured points) of all present neighbours."""
+        ends = np.concatenate([[0], np.cumsum(self.present.sum(axis=1))])
+        return self.index[self.entries].astype(np.int32), ends.astype(np.int32)
+
     def rows(self, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
         """Return the coefficients b (points, neighbours) and the variances v (points,)."""
         patterns, place = self.patterns
@@ -119,9 +125,7 @@ class Neighbourhood:
         variances : numpy.ndarray, shape (points,)
         """
         coefficients, variances = self.rows(noise)
-        at, place = self.entries
-        shape = (len(self.own), len(values))
-        matrix = sparse.csr_array((coefficients[at, place], (at, self.index[at, place])), shape=shape)
+        matrix = sparse.csr_array((coefficients[self.entries], *self.layout), shape=(len(self.own), len(values)))
         return (values[self.own] - matrix @ values) / np.sqrt(variances)[:, None], variances
 
     def whitener(self, noise: Noise) -> sparse.csr_array:

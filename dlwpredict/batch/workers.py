@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from dlwpredict.errors import InputError
+from dlwpredict.parallel import begin_worker
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -79,8 +80,8 @@ def _in_processes(
         for _ in range(DEATHS):
             if not hasattr(own, "pool"):
                 # a worker finishes its job on Ctrl-C: only this process stops handing out more
-                ignore = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
-                own.pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), **ignore)
+                begin = {"initializer": begin_worker, "initargs": (signal.SIG_IGN,)}
+                own.pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), **begin)
                 pools.append(own.pool)
             try:
                 return own.pool.submit(function, job).result()

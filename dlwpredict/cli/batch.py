@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,6 +19,7 @@ from dlwpredict.cli.console import progress_shown, say, warn
 from dlwpredict.cli.large import Scheduler
 from dlwpredict.cli.streams import STANDARD, tell
 from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.parallel import cores
 
 COMMAND = "batch"
 FIGURES = True
@@ -62,11 +62,6 @@ def run(
     _tell(chains, done)
     if any(step.state == "failed" for steps in done.values() for step in steps):
         raise typer.Exit(1)
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def chains_of(manifest: Path, folder: Path, *, overwrite: bool = False) -> list[Chain]:

@@ -31,6 +31,7 @@ from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import origin, with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.parallel import Workers, cores_for_workers
 from dlwpredict.parameters import ParameterSet, Undecided
 
 COMMAND = "diagnose"
@@ -57,6 +58,7 @@ def run(
     ] = True,
     wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
     seed: options.Seed = 0,
+    jobs: options.Jobs = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Say what physics the model lacks, where it shows, and how much better the prediction gets with it.
@@ -73,7 +75,7 @@ def run(
     repeats = options.pairs_of(repeat or [], "--repeat")
     start = read_parameters(parameters)
     recordings = [_prepared(*files, wall_px) for files in pairs]
-    with _progress() as tell:
+    with _progress() as tell, Workers(jobs or cores_for_workers()) as workers:
         found = diagnose(
             [recording for recording, _ in recordings],
             start,
@@ -81,6 +83,7 @@ def run(
             holdout=[_prepared(*files, wall_px)[0] for files in kept],
             seed=seed,
             tell=tell,
+            workers=workers,
         )
         content = content_of(found) | {"recordings": [str(recording) for _, recording in pairs]}
         if advice:

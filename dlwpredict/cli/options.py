@@ -38,6 +38,7 @@ Parameters = Annotated[
     Path | None,
     typer.Option("-p", "--parameters", help="Parameter file (YAML); the paper's defaults if absent."),
 ]
+Jobs = Annotated[int | None, typer.Option(help="Processes at once; as many as cores if absent.", min=1)]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of all randomness.")]
 PitchUm = Annotated[
     str | None,

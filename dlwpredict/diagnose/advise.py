@@ -21,7 +21,7 @@ from dlwpredict.calibrate.trace import trace
 from dlwpredict.diagnose.baseline import discretisation_um
 from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack, steepness
 from dlwpredict.diagnose.fit import Fit, bare
-from dlwpredict.diagnose.select import FORM_ERROR
+from dlwpredict.diagnose.naming import FORM_ERROR
 from dlwpredict.diagnose.setups import Setup, setups_for
 from dlwpredict.effects.base import Effect
 from dlwpredict.flat import Free

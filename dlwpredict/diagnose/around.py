@@ -14,6 +14,7 @@ from dlwpredict.diagnose.candidates import Candidate, candidates, signatures
 from dlwpredict.diagnose.evidence import gradient, steepness
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.flat import Free
+from dlwpredict.parallel import ALONE, Workers
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +48,13 @@ class Around:
     slopes: list[np.ndarray]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], free: Free, point: Point) -> Around:
+    def of(cls, recordings: Sequence[Recording], free: Free, point: Point, workers: Workers = ALONE) -> Around:
         """Compute them."""
         parameters = free.parameters(point.vector)
         problem = Problem(tuple(recordings), free, numerics=point.traces[0].numerics)
         chosen = candidates(parameters)
-        changes = signatures(chosen, recordings, parameters, point.traces)
-        fine = [discretisation_um(recording, parameters) for recording in recordings]
+        changes = signatures(chosen, recordings, parameters, point.traces, workers)
+        fine = workers.each(discretisation_um, [(recording, parameters) for recording in recordings])
         derivatives = problem.jacobian(point)
         designs = []
         for k, recording in enumerate(recordings):

@@ -17,6 +17,7 @@ from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict, run
 from dlwpredict.smoothing import block_mean
@@ -60,6 +61,7 @@ def noises(
     like: Sequence[NoiseEstimate] | None = None,
     slopes: Sequence[np.ndarray] | None = None,
     seed: int = 0,
+    workers: Workers = ALONE,
 ) -> list[NoiseEstimate]:
     """Estimate every recording's noise: from its repeats where there are any, else from the residual.
 
@@ -78,9 +80,10 @@ def noises(
         |∇f| of each recording, on which its noise may hang.
     seed : int
         Of the drawn noise.
+    workers : Workers
     """
     kinds = [(known.model.even.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
-    found = []
+    jobs = []
     for recording, residual, design, others, kind, slope in zip(
         recordings, residuals_um, designs, repeats, kinds, slopes or [0.0] * len(recordings), strict=True
     ):
@@ -89,10 +92,22 @@ def noises(
             difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
             used, source = used & np.isfinite(difference), "repeats"
             residual, design = np.where(used, difference, 0.0), smooth_forms(recording.target)
-        forms = compressed(design, used)
-        of = seed + len(found)
-        found.append(estimate(residual, used, pitch, forms, kind, slope=slope, source=source, seed=of))
-    return found
+        jobs.append((residual, used, pitch, design, kind, slope, source, seed + len(jobs)))
+    return workers.each(_noise, jobs)
+
+
+def _noise(
+    residual_um: np.ndarray,
+    used: np.ndarray,
+    pitch_um: tuple[float, float],
+    design: np.ndarray,
+    kinds: Sequence[float],
+    slope: np.ndarray | float,
+    source: str,
+    seed: int,
+) -> NoiseEstimate:
+    forms = compressed(design, used)
+    return estimate(residual_um, used, pitch_um, forms, kinds, slope=slope, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -127,17 +142,15 @@ def discretisation_um(recording: Recording, parameters: ParameterSet) -> np.ndar
     return np.nan_to_num(finer - coarse)
 
 
-def on_own_pixels(fitted: Fit) -> Fit:
+def on_own_pixels(fitted: Fit, workers: Workers = ALONE) -> Fit:
     """Return the fit with the change on finer pixels taken where the fit is, not where it began.
 
     What a finer grid changes hangs on the focus width, and the width on what the grid is held to change: begun far from
     the truth, one wrong holds the other.
     """
     for _ in range(PIXELS_ROUNDS):
-        data = [
-            replace(item, discretisation_um=discretisation_um(item.recording, fitted.parameters))
-            for item in fitted.data
-        ]
+        changes = workers.each(discretisation_um, [(item.recording, fitted.parameters) for item in fitted.data])
+        data = [replace(item, discretisation_um=change) for item, change in zip(fitted.data, changes, strict=True)]
         moved = fit(data, fitted.free, start=fitted.point.vector, known=fitted)
         if moved.chi2 > fitted.chi2 - PIXELS_GAIN:
             return fitted

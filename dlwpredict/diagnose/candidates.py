@@ -14,6 +14,7 @@ from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 from dlwpredict.process import predict
 
@@ -127,6 +128,7 @@ def signatures(
     recordings: Sequence[Recording],
     parameters: ParameterSet,
     known: Sequence[Trace],
+    workers: Workers = ALONE,
 ) -> list[list[np.ndarray]]:
     """Return the change of every recording's prediction per typical size of every candidate.
 
@@ -135,16 +137,18 @@ def signatures(
     list (candidate) of list (recording) of numpy.ndarray, shape (rows, cols), µm
         The derivative at off, by one forward difference.
     """
-
-    def change(job: tuple[Candidate, int]) -> np.ndarray:
-        candidate, index = job
-        effect = candidate.at(SMALL)
-        step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
-        with_effect = replace(parameters, effects=(*parameters.effects, effect))
-        moved = trace(recordings[index].target, with_effect, known[index].numerics, known[index])
-        return np.nan_to_num(moved.heights_um - known[index].heights_um) / step
-
-    jobs = [(candidate, index) for candidate in chosen for index in range(len(recordings))]
-    maps = [change(job) for job in jobs]
-    per = len(recordings)
+    jobs = [
+        (candidate, recording.target, parameters, before)
+        for candidate in chosen
+        for recording, before in zip(recordings, known, strict=True)
+    ]
+    maps, per = workers.each(_change, jobs), len(recordings)
     return [maps[k * per : (k + 1) * per] for k in range(len(chosen))]
+
+
+def _change(candidate: Candidate, target: HeightMap, parameters: ParameterSet, known: Trace) -> np.ndarray:
+    effect = candidate.at(SMALL)
+    step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
+    with_effect = replace(parameters, effects=(*parameters.effects, effect))
+    moved = trace(target, with_effect, known.numerics, known)
+    return np.nan_to_num(moved.heights_um - known.heights_um) / step

@@ -8,9 +8,10 @@ import numpy as np
 
 from dlwpredict.diagnose import words
 from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.naming import Named, strengths
 from dlwpredict.diagnose.run import LEVEL, Diagnosis, Model
 from dlwpredict.diagnose.screen import POWER, Screen
-from dlwpredict.diagnose.select import Library, Named, strengths
+from dlwpredict.diagnose.select import Library
 from dlwpredict.effects import library as every_effect
 from dlwpredict.effects.base import Effect
 from dlwpredict.flat import fittable

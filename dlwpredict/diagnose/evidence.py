@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import ndimage
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
@@ -79,13 +79,23 @@ def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     return ndimage.correlate1d(heights_um, taps, axis=axis, mode="nearest") / pitch_um**2
 
 
-def shifted(heights_um: np.ndarray, grid: HeightMap, shift_um: Sequence[float]) -> np.ndarray:
-    """Return a map moved by a small (x, y), y upwards, to second order."""
+def shifted(
+    heights_um: np.ndarray, grid: HeightMap, shift_um: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a map moved by a small (x, y), y upwards, to second order, and its slopes along x and y.
+
+    f − x·f_x − y·f_y + (x²·f_xx + 2xy·f_xy + y²·f_yy)/2; the slopes are minus its exact derivatives by x and y.
+    Differences of the moved map would not be: where features are few pixels wide, registration by them does not
+    come to rest.
+    """
     x, y = shift_um
     right, up = gradient(heights_um, grid.dx_um, 1), -gradient(heights_um, grid.dy_um, 0)
+    if x == 0 and y == 0:
+        return heights_um, right, up
     mixed = gradient(up, grid.dx_um, 1)
-    second = x**2 * bending(heights_um, grid.dx_um, 1) + y**2 * bending(heights_um, grid.dy_um, 0) + 2 * x * y * mixed
-    return heights_um - x * right - y * up + second / 2
+    slope_x = right - x * bending(heights_um, grid.dx_um, 1) - y * mixed
+    slope_y = up - y * bending(heights_um, grid.dy_um, 0) - x * mixed
+    return heights_um - (x * (right + slope_x) + y * (up + slope_y)) / 2, slope_x, slope_y
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +138,7 @@ class Whitened:
 
     def moved(self, predicted_um: np.ndarray) -> np.ndarray:
         """Return a prediction where registration has put it."""
-        return shifted(predicted_um, self.recording.target, self.shift_um) if any(self.shift_um) else predicted_um
+        return shifted(predicted_um, self.recording.target, self.shift_um)[0] if any(self.shift_um) else predicted_um
 
     def residual(self, predicted_um: np.ndarray) -> np.ndarray:
         """Whiten recording − prediction, shape (points,)."""
@@ -141,8 +151,7 @@ class Whitened:
         The lateral ones are −∇f·u for the displacements u = (1, 0), (0, 1), (−y, x), (x, 0), (0, y), (y, 0).
         """
         grid = self.recording.target
-        moved = self.moved(predicted_um)
-        right, up = gradient(moved, grid.dx_um, 1), -gradient(moved, grid.dy_um, 0)
+        _, right, up = shifted(predicted_um, grid, self.shift_um)
         x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
         half_x, half_y = (size / 2 for size in grid.size_um)
         return np.stack([
@@ -202,10 +211,15 @@ def nuisance_fit(
         turn = turn[:, real] / np.sqrt(energies[real])
         bases.append(block @ turn)
         found.append(turn @ (bases[-1].T @ target) / scale)
-    data = sparse.block_diag([b[: len(r)] for b, r in zip(bases, residuals, strict=True)]).toarray()
-    below = sparse.block_diag([b[len(r) :] for b, r in zip(bases, residuals, strict=True)]).toarray()
-    basis = np.concatenate([data, below, np.zeros((len(WIDTHS), data.shape[1]))])
-    return np.array(found), np.concatenate([*residuals, *goals, np.zeros(len(WIDTHS))]), basis
+    residual = np.concatenate([*residuals, *goals, np.zeros(len(WIDTHS))])
+    basis = np.zeros((len(residual), sum(b.shape[1] for b in bases)))
+    row, below, left = 0, sum(map(len, residuals)), 0
+    for block, own in zip(bases, residuals, strict=True):
+        columns, priors = slice(left, left + block.shape[1]), len(block) - len(own)
+        basis[row : row + len(own), columns] = block[: len(own)]
+        basis[below : below + priors, columns] = block[len(own) :]
+        row, below, left = row + len(own), below + priors, columns.stop
+    return np.array(found), residual, basis
 
 
 def prior_rows(recordings: int) -> int:

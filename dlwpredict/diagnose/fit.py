@@ -22,6 +22,7 @@ from dlwpredict.diagnose.evidence import (
     width_rows,
 )
 from dlwpredict.flat import Free
+from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 
 GAIN = 0.05
@@ -122,20 +123,28 @@ def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
     return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, None)
 
 
-def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
+def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: Workers = ALONE) -> Fit:
     """Fit from a start, and from a second one with a likelier focus where the start's is far from the prior.
 
     Focus length and threshold act together; a model that lacks an effect has more than one lowest place along their
     valley, and least squares may have ended in the wrong one.
     """
-    first = fit(data, free, start=vector)
-    place = free.index("exposure_fwhm_z_um")
-    if place is None or abs(np.log(vector[place] / WIDTHS["exposure_fwhm_z_um"])) < WIDTH_PRIOR:
-        return first
-    coordinates = straight(free, vector)
-    coordinates[place] = WIDTHS["exposure_fwhm_z_um"]
-    second = fit(data, free, start=bent(free, coordinates))
-    return min(first, second, key=lambda found: found.chi2)
+    place, starts = free.index("exposure_fwhm_z_um"), [vector]
+    if place is not None and abs(np.log(vector[place] / WIDTHS["exposure_fwhm_z_um"])) >= WIDTH_PRIOR:
+        coordinates = straight(free, vector)
+        coordinates[place] = WIDTHS["exposure_fwhm_z_um"]
+        starts.append(bent(free, coordinates))
+    found = workers.each(_fit_at, [(data, free, start) for start in starts])
+    return sharing(min(found, key=lambda one: one.chi2), data)
+
+
+def sharing(found: Fit, data: Sequence[Whitened]) -> Fit:
+    """Return a fit that another process has made with the recordings of this one, in place of copies of its own."""
+    return replace(found, data=tuple(replace(a, shift_um=b.shift_um) for a, b in zip(data, found.data, strict=True)))
+
+
+def _fit_at(data: Sequence[Whitened], free: Free, start: np.ndarray) -> Fit:
+    return fit(data, free, start=start)
 
 
 def bare(recording: Recording) -> Recording:

@@ -10,12 +10,7 @@ from scipy import ndimage, special
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit
-
-SCALES_PX = (1.0, 2.5, 6.0)
-"""Standard deviations of the bumps that are looked for, pixels."""
-
-DRAWS = 40
-"""Noise maps from which the spread of a score is known."""
+from dlwpredict.diagnose.spots import SCALES_PX, Bumps, Spot
 
 SURE = 0.95
 """A pixel belongs to a place where the mismatch is at least this sure."""
@@ -66,33 +61,6 @@ class Place:
     y_um: tuple[float, float]
 
 
-def scores(item: Whitened, residual: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Score bumps of three sizes at every pixel, shape (scales, rows, cols), standard deviations.
-
-    The best test for a bump g in noise of covariance C is gᵀC⁻¹r/√(gᵀC⁻¹g); C⁻¹r is WᵀW r, and the spread under noise
-    alone is that of drawn noise.
-
-    Parameters
-    ----------
-    item : Whitened
-    residual : numpy.ndarray, shape (points,)
-        Whitened.
-    seed : int
-        Of the drawn noise.
-    """
-    used = item.recording.used
-
-    def matched(white: np.ndarray) -> np.ndarray:
-        plane = np.zeros(used.shape)
-        plane[used] = item.whitener.transposed(white)
-        return np.stack([ndimage.gaussian_filter(plane, s, mode="constant") for s in SCALES_PX])
-
-    rng = np.random.default_rng(seed)
-    variance = sum(matched(rng.standard_normal(len(residual))) ** 2 for _ in range(DRAWS)) / DRAWS
-    smooth = [ndimage.gaussian_filter(v, 2 * s, mode="nearest") for v, s in zip(variance, SCALES_PX, strict=True)]
-    return np.where(used, matched(residual) / np.sqrt(np.maximum(smooth, 1e-30)), 0.0)
-
-
 def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return how surely each pixel differs beyond noise, 0 to 1, shape (rows, cols).
 
@@ -103,16 +71,22 @@ def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
     return np.where(used, 1 - np.minimum(single * bumps * len(SCALES_PX), 1).min(axis=0), 0.0)
 
 
-def locate(fitted: Fit, forms: Forms, beside: Beside) -> tuple[list[Place], list[np.ndarray]]:
-    """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`."""
-    whole = max(beside.energy().excess, 1e-9)
+def locate(fitted: Fit, forms: Forms, beside: Beside, lone: Spot | None) -> tuple[list[Place], list[np.ndarray]]:
+    """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`.
+
+    A spot that is more than noise is a place, too, where free forms have not found it.
+    """
+    whole = max(beside.energy().excess, lone.excess if lone else 0.0, 1e-9)
     places, maps, first = [], [], 0
     for k, item in enumerate(fitted.data):
         residual = fitted.residual[first : first + item.recording.points]
         first += item.recording.points
-        score = scores(item, residual, seed=k)
+        score = Bumps.of(item, seed=k).scores(residual)
         maps.append(mismatch(score, item.recording.used))
-        for family, found in _families(forms, beside, k):
+        families = _families(forms, beside, k)
+        if lone and lone.pair == k and "place" not in dict(families):
+            families.append(("place", Energy(lone.excess, lone.p_value)))
+        for family, found in families:
             x_um, y_um, middle = _box(item, score, maps[-1], local=family == "place")
             where = f"around x = {middle[0]:.1f}, y = {middle[1]:.1f} µm" if family == "place" else WHERE[family]
             share = float(np.clip(found.excess / whole, 0, 1))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage, optimize, sparse, special
@@ -208,6 +209,11 @@ class _Likelihood:
     values_um: np.ndarray
     design: np.ndarray
 
+    @cached_property
+    def together(self) -> np.ndarray:
+        """Values and design side by side, shape (points, maps + columns)."""
+        return np.column_stack([self.values_um, self.design])
+
     def profiled(self, model: Noise) -> tuple[np.ndarray, np.ndarray]:
         """Return −2 ln L of every map, up to a constant, at the best multiple of a model, and that multiple.
 
@@ -215,7 +221,7 @@ class _Likelihood:
         """
         maps, points = self.values_um.shape[1], len(self.chosen.own)
         share = len(self.values_um) / points
-        white, variances = self.chosen.whitened(np.column_stack([self.values_um, self.design]), model)
+        white, variances = self.chosen.whitened(self.together, model)
         values, columns = white[:, :maps], white[:, maps:]
         energies, turn = np.linalg.eigh(columns.T @ columns)
         real = energies > 1e-10 * energies.max(initial=1e-300)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft
 
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.screen import Null
+from dlwpredict.diagnose.screen import Null, p_of_largest
 
 
 @dataclass(frozen=True)
@@ -37,27 +37,25 @@ class Ripple:
 def ripple(fitted: Fit, null: Null) -> Ripple:
     """Test the largest ordinate of the periodogram (Fisher 1929) of every whitened residual.
 
-    Ordinates are divided by what the null's draws have there on average; the largest one of a draw follows Gumbel's
-    law, whose two parameters are those of the draws.
+    Ordinates are divided by what the null's draws have there on average, those of a draw by what the others have: by an
+    average with itself in it, it would seem smaller than a residual.
     """
-    draws = null.draws - fitted.basis.astype(np.float32) @ null.along(fitted.basis)
+    draws = null.beside(fitted.basis)
     found, first = [], 0
     for k, item in enumerate(fitted.data):
         used, grid = item.recording.used, item.recording.target
         rows = slice(first, first + item.recording.points)
         first = rows.stop
         powers = np.stack([_periodogram(draw, used) for draw in draws[rows].T])
-        usual = powers.mean(axis=0)
-        largest = (powers / usual).max(axis=(1, 2))
-        power = _periodogram(fitted.residual[rows], used) / usual
+        whole, others = powers.sum(axis=0), len(powers) - 1
+        largest = (others * powers / (whole - powers)).max(axis=(1, 2))
+        power = _periodogram(fitted.residual[rows], used) / powers.mean(axis=0)
         row, col = np.unravel_index(np.argmax(power), power.shape)
         fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um)[row], fft.rfftfreq(used.shape[1], grid.dx_um)[col]
-        scale = np.sqrt(6) / np.pi * largest.std(ddof=1)
-        p_value = float(-np.expm1(-np.exp(-(power[row, col] - largest.mean()) / scale - np.euler_gamma)))
+        p_value = p_of_largest(power[row, col], largest, of=len(fitted.data))
         angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
         found.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
-    best = min(found, key=lambda one: one.p_value)
-    return Ripple(**{**vars(best), "p_value": float(-np.expm1(len(found) * np.log1p(-min(best.p_value, 1 - 1e-12))))})
+    return min(found, key=lambda one: one.p_value)
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -18,12 +18,16 @@ from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.locate import Place, locate
+from dlwpredict.diagnose.naming import Named, named_in
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
+from dlwpredict.diagnose.refit import freed
 from dlwpredict.diagnose.ripple import Ripple, ripple
 from dlwpredict.diagnose.screen import Null, Screen
-from dlwpredict.diagnose.select import Library, Named, Search, freed
+from dlwpredict.diagnose.select import Library, Search
+from dlwpredict.diagnose.spots import Spot, spot
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.uneven import Uneven
@@ -41,8 +45,8 @@ EXPLAINED = 0.9
 """The named effects must explain this share of what the free forms explain."""
 
 
-SINGLE = LEVEL / 3
-"""The same for each of the three ways of looking for it."""
+SINGLE = LEVEL / 4
+"""The same for each of the four ways of looking for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,8 @@ class Model:
         Root mean square of that, µm.
     ripple : Ripple
         The strongest wave in the residual.
+    spot : Spot
+        The strongest bump or dent in the residual.
     columns : Columns
         Offsets of whole columns, lines along y, that the residual was found to have.
     blocks, recordings : LeftOut or None
@@ -68,14 +74,20 @@ class Model:
     rest: Energy
     structure_um: float
     ripple: Ripple
+    spot: Spot
     columns: Columns
     blocks: LeftOut | None
     recordings: LeftOut | None
 
     @property
+    def patterns(self) -> tuple[Ripple, Spot, Columns]:
+        """The strongest of each kind of structure that has a form of its own."""
+        return self.ripple, self.spot, self.columns
+
+    @property
     def p_value(self) -> float:
-        """Probability that noise alone leaves as strange a remainder: by free forms, as a ripple, as columns."""
-        return min(3 * min(self.rest.p_value, self.ripple.p_value, self.columns.p_value), 1.0)
+        """Probability that noise alone leaves as strange a remainder: by free forms, as a ripple, a spot, columns."""
+        return min(4 * min(self.rest.p_value, *(one.p_value for one in self.patterns)), 1.0)
 
     @property
     def unexplained(self) -> bool:
@@ -141,9 +153,9 @@ class Diagnosis:
 
     @property
     def explained(self) -> float:
-        """Share of what free forms, a ripple and columns explain that the named effects explain, 0 to 1."""
+        """Share of what free forms, a ripple, a spot and columns explain that the named effects explain, 0 to 1."""
         whole, left = (
-            max(m.rest.excess, 0) + sum(part.excess for part in (m.ripple, m.columns) if part.p_value < SINGLE)
+            max(m.rest.excess, 0) + sum(one.excess for one in m.patterns if one.p_value < SINGLE)
             for m in (self.baseline, self.extended)
         )
         return float(np.clip(1 - left / whole, 0, 1)) if whole > 0 else 1.0
@@ -166,6 +178,7 @@ def diagnose(
     holdout: Sequence[Recording] = (),
     seed: int = 0,
     tell: Callable[[str], None] = lambda text: None,
+    workers: Workers = ALONE,
 ) -> Diagnosis:
     """Find out what the model lacks.
 
@@ -186,6 +199,8 @@ def diagnose(
     seed : int
     tell : function of str
         Told what goes on.
+    workers : Workers
+        Who share what can be done at once.
 
     Raises
     ------
@@ -200,43 +215,44 @@ def diagnose(
     point = calibrated(recordings, free, seed)
     recordings, point = without_spikes(recordings, free, point)
     tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
-    around = Around.of(recordings, free, point)
+    around = Around.of(recordings, free, point, workers)
     found, vector, pixels = None, point.vector, around.discretisation_um
-    better = noises(recordings, around.residuals_um(), around.designs, repeats, slopes=around.slopes, seed=seed)
+    better = noises(recordings, around.residuals_um(), around.designs, repeats, None, around.slopes, seed, workers)
     for _ in range(PASSES):
         noise = better
         tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
         data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
-        baseline = fit_from(data, free, vector)
+        baseline = fit_from(data, free, vector, workers)
         if found is None:
-            baseline = on_own_pixels(baseline)
-        library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed)
-        search = Search(baseline, library, null, tell)
+            baseline = on_own_pixels(baseline, workers)
+        library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed, workers)
+        search = Search(baseline, library, null, tell, workers)
         begun = fit(baseline.data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
         if found is None and _doubtful(search, model):
             model = search.widened(model)
         if model is baseline:
             break
-        found, vector = on_own_pixels(model), baseline.point.vector
+        found, vector = on_own_pixels(model, workers), baseline.point.vector
         pixels = [item.discretisation_um for item in found.data]
         residuals = [np.nan_to_num(found.residual_um(k)) for k in range(len(pixels))]
-        better = noises(recordings, residuals, around.designs, repeats, noise, around.slopes, seed)
+        better = noises(recordings, residuals, around.designs, repeats, noise, around.slopes, seed, workers)
         if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)
-    places, mismatch = locate(baseline, forms, beside)
     judged = _judged(baseline, beside, null, Columns.of(noise))
+    lone = judged.spot if judged.spot.p_value < SINGLE else None
+    places, mismatch = locate(baseline, forms, beside, lone)
     extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null), null, judged.columns)
     return Diagnosis(
         recordings,
         tuple(noise),
         judged,
         extended,
-        tuple(search.named(model)),
+        tuple(named_in(search, model)),
         library,
         search.screen(baseline),
         null,
@@ -272,6 +288,7 @@ def _judged(fitted: Fit, beside: Beside, null: Null, columns: Columns) -> Model:
         beside.energy(),
         beside.structure_um(fitted),
         ripple(fitted, null),
+        spot(fitted, null),
         columns,
         left_out.blocks(fitted),
         left_out.recordings(fitted),

@@ -11,6 +11,7 @@ from scipy import special
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack, unwhitened
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
+from dlwpredict.parallel import ALONE, Workers
 
 POWER = 1.28
 """An effect whose score would exceed the threshold by this much is found nine times in ten."""
@@ -36,19 +37,24 @@ class Null:
     draws: np.ndarray
 
     @classmethod
-    def of(cls, data: Sequence[Whitened], noises: Sequence[NoiseEstimate], seed: int, count: int = DRAWS) -> Null:
+    def of(cls, data: Sequence[Whitened], noises: Sequence[NoiseEstimate], seed: int, workers: Workers = ALONE) -> Null:
         """Draw the null."""
-        rng = np.random.default_rng(seed)
-        parts = []
-        for item, noise in zip(data, noises, strict=True):
-            used = item.recording.used
-            maps = np.stack([noise.draw(rng).simulate(used.shape, rng, item.slope)[used] for _ in range(count)], axis=1)
-            parts.append((item.whitener @ maps).astype(np.float32))
-        return cls(stack(parts, prior_rows(len(data))))
+        jobs = [(item, noise, (seed, k)) for k, (item, noise) in enumerate(zip(data, noises, strict=True))]
+        return cls(stack(workers.each(_drawn, jobs), prior_rows(len(data))))
 
     def along(self, columns: np.ndarray) -> np.ndarray:
         """Return the null's components along orthonormal or unit columns, shape (columns, draws)."""
         return columns.T.astype(np.float32) @ self.draws
+
+    def beside(self, basis: np.ndarray) -> np.ndarray:
+        """Return the draws without what a fit of this freedom takes of them, shape (rows, draws)."""
+        return self.draws - basis.astype(np.float32) @ self.along(basis)
+
+
+def _drawn(item: Whitened, noise: NoiseEstimate, seed: Sequence[int]) -> np.ndarray:
+    rng, used = np.random.default_rng(seed), item.recording.used
+    maps = np.stack([noise.draw(rng).simulate(used.shape, rng, item.slope)[used] for _ in range(DRAWS)], axis=1)
+    return (item.whitener @ maps).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +136,16 @@ def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> S
         columns=unit,
         trials=_trials(np.abs(nulls).max(axis=0)),
     )
+
+
+def p_of_largest(energy: float, largest: np.ndarray, of: int = 1) -> float:
+    """Return the probability that the largest energy of noise alone reaches this one in any of several recordings.
+
+    The largest of many squares of normal scores follows Gumbel's law; its two parameters are those of the draws.
+    """
+    scale = np.sqrt(6) / np.pi * largest.std(ddof=1)
+    single = -np.expm1(-np.exp(-(energy - largest.mean()) / scale - np.euler_gamma))
+    return float(-np.expm1(of * np.log1p(-min(single, 1 - 1e-12))))
 
 
 def _trials(largest: np.ndarray) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from dlwpredict.diagnose.naming import Named, strengths
 from dlwpredict.diagnose.run import LEVEL, SINGLE, Diagnosis
-from dlwpredict.diagnose.select import Named, strengths
 from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
 
@@ -64,6 +64,12 @@ def remainder(found: Diagnosis) -> str:
             f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in "
             f"{found.recordings[wave.pair].name}; no named effect makes one."
         )
+    lone = found.extended.spot
+    if lone.p_value < SINGLE:
+        return (
+            f"A spot about {lone.fwhm_um:.1f} µm wide sits at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm in "
+            f"{found.recordings[lone.pair].name}: look there; no named effect makes one."
+        )
     columns = found.extended.columns
     if columns.p_value < SINGLE:
         return (
@@ -89,6 +95,10 @@ def tests(found: Diagnosis) -> list[dict[str, Any]]:
     strongest = f"the strongest wave, period {wave.period_um:.1f} µm at {wave.angle_deg:.0f}° to x, is"
     kind = "more than noise" if wave.p_value < LEVEL else "no more than noise"
     said.append({"name": "ripple", "p_value": wave.p_value, "statement": f"{strongest} {kind}"})
+    lone = found.baseline.spot
+    strongest = f"the strongest bump or dent, at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm, is"
+    kind = "more than noise" if lone.p_value < LEVEL else "no more than noise"
+    said.append({"name": "spot", "p_value": lone.p_value, "statement": f"{strongest} {kind}"})
     columns = found.baseline.columns
     differ = "differ from one another" if columns.p_value < LEVEL else "differ no more than noise does"
     said.append({"name": "lines along y", "p_value": columns.p_value, "statement": f"whole columns {differ}"})

@@ -48,7 +48,7 @@ def ask(folder: Path, name: str, code: str) -> dict:
     with tempfile.TemporaryDirectory() as out:
         said, process = Path(out, "diagnosis.yaml"), Path(out, "extended.yaml")
         command = [sys.executable, "-c", "from dlwpredict.cli import main; main()", "diagnose", *words]
-        command += ["-o", str(said), "--params-out", str(process), "--no-advice", "--quiet"]
+        command += ["-o", str(said), "--params-out", str(process), "--no-advice", "--jobs", "1", "--quiet"]
         started = time.perf_counter()
         status, complaint = _run(command, place.data(name))
         answer = {"code": code, "seconds": time.perf_counter() - started, "status": status, "complaint": complaint}

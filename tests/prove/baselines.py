@@ -15,7 +15,7 @@ from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
-from dlwpredict.diagnose.select import freed
+from dlwpredict.diagnose.refit import freed
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap

@@ -65,7 +65,7 @@ def _detection(axes: Axes, results: Sequence[Mapping]) -> None:
              title="Single effects: detection against strength")  # fmt: skip
     axes.set_xticks(MULTIPLES, [f"{m:g}" for m in MULTIPLES])
     axes.minorticks_off()
-    axes.legend(loc="center right", fontsize=8)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.01, 0.93), fontsize=8)
 
 
 def _unseen(axes: Axes, results: Sequence[Mapping]) -> None:

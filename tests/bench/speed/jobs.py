@@ -23,6 +23,7 @@ from dlwpredict.diagnose.run import diagnose
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import LEVEL_STEP_SIGMAS, Levels
+from dlwpredict.parallel import Workers, cores
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict
@@ -99,7 +100,7 @@ def recording(kind: str, side_px: int, pitch_um: float):
 
 def calibrated(method: str, kind: str, side_px: str, pitch_um: str) -> Callable[[], dict]:
     """Calibrate one recording from the paper's defaults, full resolution at the end."""
-    problem = Problem((recording(kind, int(side_px), float(pitch_um)),), choose(ParameterSet()), threads=1)
+    problem = Problem((recording(kind, int(side_px), float(pitch_um)),), choose(ParameterSet()))
     way = {"fast": fast, "simplex": simplex}[method]
 
     def run() -> dict:
@@ -144,9 +145,14 @@ def corrected(side_px: str) -> Callable[[], dict]:
 
 
 def diagnosed() -> Callable[[], dict]:
-    """Diagnose three recordings of 145² points, the whole library."""
+    """Diagnose three recordings of 145² points, the whole library, on all cores."""
     pairs = [prepare(target, seen) for target, seen in recorded(Case(seed=1000))]
-    return lambda: {"verdict": diagnose(pairs, ParameterSet()).verdict}
+
+    def run() -> dict:
+        with Workers(cores()) as workers:
+            return {"verdict": diagnose(pairs, ParameterSet(), workers=workers).verdict}
+
+    return run
 
 
 JOBS = {job.__name__: job for job in (printed, voxels, error, floor, calibrated, voxel_simplex, corrected, diagnosed)}

@@ -1,0 +1,77 @@
+"""Refits: a model with one effect more or one less, everything else that is free moving along."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dlwpredict.diagnose.candidates import Candidate, matters
+from dlwpredict.diagnose.fit import ITERATIONS, Fit, fit
+from dlwpredict.effects.base import Effect
+from dlwpredict.flat import Free, choose
+from dlwpredict.parameters import ParameterSet, declarations
+
+SCOUT = 2
+"""Steps of a refit that only looks whether an effect deserves a whole one."""
+
+
+def refit(model: Fit, candidate: Candidate, share: float, iterations: int = ITERATIONS) -> Fit:
+    """Fit one more effect together with everything that the model has free, from a start strength in typical sizes."""
+    limited = np.clip(share, -3, 3)
+    effect = candidate.at(float(limited) if abs(limited) > 0.05 else 0.05 * (np.sign(limited) or 1.0))
+    parameters = replace(model.parameters, effects=(*model.parameters.effects, effect))
+    found = fit(model.data, freed(parameters, model.free), known=model, secant=True, iterations=iterations)
+    return _beyond(found, secant=True) if iterations == ITERATIONS else found
+
+
+def scouted(model: Fit, candidate: Candidate, sign: float, bar: float) -> Fit | None:
+    """Refit from the typical size, of both signs for 0; None where −2 ln L at first stays above the bar."""
+    starts = [refit(model, candidate, one, SCOUT) for one in ([sign] if sign else [1.0, -1.0])]
+    start = min(starts, key=lambda one: one.chi2)
+    if start.chi2 >= bar:
+        return None
+    return _beyond(fit(model.data, start.free, known=start, start=start.point.vector, secant=True))
+
+
+def settled(found: Fit) -> Fit:
+    """Return a quick refit brought to rest with derivatives of its own."""
+    return _beyond(fit(found.data, found.free, start=found.point.vector, known=found))
+
+
+def _beyond(found: Fit, *, secant: bool = False) -> Fit:
+    """Go on from the other end where an effect has come to the end of a range that nature does not end."""
+    effects = tuple(effect.elsewhere() for effect in found.parameters.effects)
+    if effects == found.parameters.effects:
+        return found
+    free = freed(replace(found.parameters, effects=effects), found.free)
+    return min(found, fit(found.data, free, known=found, secant=secant), key=lambda one: one.chi2)
+
+
+def without(model: Fit, name: str) -> Fit:
+    """Refit the model without one of its effects."""
+    kept = tuple(effect for effect in model.parameters.effects if effect.name != name)
+    parameters = replace(model.parameters, effects=kept)
+    return fit(model.data, freed(parameters, model.free), known=model, secant=True)
+
+
+def effect_of(fitted: Fit, name: str) -> Effect:
+    """Return the effect of this name as fitted."""
+    return next(effect for effect in fitted.parameters.effects if effect.name == name)
+
+
+def freed(parameters: ParameterSet, like: Free) -> Free:
+    """Return what may move: what moved before, and of every effect the switches that are on, with their shapes."""
+    names = [name for name in like.names if "." not in name]
+    for effect in parameters.effects:
+        on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+        shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
+        shapes = [n for n in shapes if not (n.startswith("centre_") or _idle(effect, n))]
+        names += [f"{effect.name}.{n}" for n in (*on, *shapes)]
+    return choose(parameters, free=names)
+
+
+def _idle(effect: Effect, name: str) -> bool:
+    """Tell whether a shape belongs to a switch that is off, by trying both ends of its range on a small part."""
+    on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+    return not any(matters(type(effect), s, name) for s in on)

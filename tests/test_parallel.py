@@ -1,0 +1,95 @@
+"""Work that is shared gives what one process alone gives."""
+
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import wait
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.calibrate import prepare
+from dlwpredict.diagnose.content import content_of
+from dlwpredict.diagnose.run import diagnose
+from dlwpredict.effects import library
+from dlwpredict.parallel import Workers, each
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import predict
+
+
+@pytest.fixture(scope="module")
+def workers():
+    with Workers(2) as those:
+        wait(those._loading)
+        yield those
+
+
+def test_results_come_in_the_order_of_the_jobs(workers):
+    jobs = [(k, 2) for k in range(40)]
+    assert workers.each(pow, jobs) == [k**2 for k in range(40)] == each(lambda k: k**2, range(40), threads=2)
+
+
+def test_a_failing_job_fails_here_and_ends_nobody(workers):
+    with pytest.raises(ZeroDivisionError):
+        workers.each(divmod, [(1, 1), (1, 0)])
+    assert workers.each(divmod, [(7, 2), (9, 2)]) == [(3, 1), (4, 1)]
+
+
+def test_jobs_are_done_here_before_workers_are_ready_and_after_they_have_gone():
+    with Workers(2) as those:
+        assert those.each(lambda k: k + 1, [(1,), (2,)]) == [2, 3]  # a lambda could not be sent
+    assert those.each(lambda k: k + 1, [(1,), (2,)]) == [2, 3]
+
+
+SLEEPER = """
+import time
+from concurrent.futures import wait
+from dlwpredict.parallel import Workers
+
+if __name__ == "__main__":
+    with Workers(2) as those:
+        wait(those._loading)
+        print(*those._pool._processes, flush=True)
+        time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+def test_workers_end_with_a_killed_process(tmp_path):
+    script = tmp_path / "main.py"
+    script.write_text(SLEEPER)
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as process:
+        pids = [int(word) for word in process.stdout.readline().split()]
+        process.kill()
+    assert len(pids) == 2
+    ends = time.monotonic() + 10
+    while any(map(alive, pids)) and time.monotonic() < ends:
+        time.sleep(0.05)
+    assert not any(map(alive, pids))
+
+
+def alive(pid: int) -> bool:
+    """Tell whether a process runs; one that has ended and that nobody has asked about does not."""
+    try:
+        os.kill(pid, 0)
+        return ") Z " not in Path(f"/proc/{pid}/stat").read_text()
+    except FileNotFoundError:
+        return not Path("/proc/self").exists()  # where there is no such file system, the signal was the answer
+    except ProcessLookupError:
+        return False
+
+
+def test_a_diagnosis_is_that_of_one_process(workers):
+    """Down to the last figure: what is found must not hang on how many cores a machine has."""
+    target = designs.cin(size_um=20, pitch_um=0.5, margin_um=2)
+    bent = ParameterSet(effects=(library()["print-field-curvature"](sag_um=2.0),))
+    noise = np.random.default_rng(4).normal(0, 0.004, target.shape)
+    pair = prepare(target, target.with_heights(predict(target, bent).heights_um + noise))
+    alone, shared = (diagnose([pair], ParameterSet(), workers=those) for those in (Workers(), workers))
+    assert content_of(shared) == content_of(alone)
+    assert alone.named
+    models = shared.baseline.fit, shared.extended.fit, *(one.rest for one in shared.named)
+    assert len({id(model.data[0].whitener) for model in models}) == 1  # no copies, or eight recordings fill the memory
