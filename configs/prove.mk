@@ -5,7 +5,7 @@
 PROOF ?= sample_data/proof
 
 .PHONY: prove prove-quick
-prove: $(VENV)/.installed ## Prove the diagnosis on 240 sealed cases (45 minutes; result in sample_data/proof)
+prove: $(VENV)/.installed ## Prove the diagnosis on 240 sealed cases (an hour; result in sample_data/proof)
 	$(BIN)/python -m tests.prove $(RUNS)/prove --seed final --report $(PROOF)
 
 prove-quick: $(VENV)/.installed ## Prove the diagnosis on a handful of other cases (5 minutes; result in runs/prove-quick/report)
