@@ -118,9 +118,9 @@ class Fit:
         return {name: (float(a), float(b)) for name, a, b in zip(self.free.names, low, high, strict=True)}
 
 
-def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray) -> Fit:
+def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, known: Point | None = None) -> Fit:
     """Predict recordings with given parameters; only nuisances are fitted, and there are no derivatives."""
-    return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, None)
+    return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, known)
 
 
 def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: Workers = ALONE) -> Fit:
