@@ -64,6 +64,10 @@ def _end_with(parent: BaseProcess) -> None:
     os._exit(1)
 
 
+def _load(module: str) -> None:
+    import_module(module)
+
+
 @dataclass(eq=False)
 class Workers:
     """Processes that share jobs of tenths of a second and more; they start on entering, and end on leaving.
@@ -85,7 +89,7 @@ class Workers:
     """
 
     processes: int = 1
-    module: str = "dlwpredict.process"
+    module: str = __package__
     _pool: ProcessPoolExecutor | None = field(default=None, init=False)
     _loading: list[Future] = field(default_factory=list, init=False)
 
@@ -95,7 +99,7 @@ class Workers:
 
             begin = {"initializer": begin_worker, "initargs": (signal.SIG_DFL,)}
             self._pool = ProcessPoolExecutor(self.processes, mp_context=get_context("spawn"), **begin)
-            self._loading = [self._pool.submit(import_module, self.module) for _ in range(self.processes)]
+            self._loading = [self._pool.submit(_load, self.module) for _ in range(self.processes)]
         return self
 
     def __exit__(self, *failure: object) -> None:

@@ -22,7 +22,7 @@ from dlwpredict.process import predict
 
 @pytest.fixture(scope="module")
 def workers():
-    with Workers(2) as those:
+    with Workers(2, diagnose.__module__) as those:
         wait(those._loading)
         yield those
 

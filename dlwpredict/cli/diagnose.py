@@ -75,7 +75,7 @@ def run(
     repeats = options.pairs_of(repeat or [], "--repeat")
     start = read_parameters(parameters)
     recordings = [_prepared(*files, wall_px) for files in pairs]
-    with _progress() as tell, Workers(jobs or cores_for_workers()) as workers:
+    with _progress() as tell, Workers(jobs or cores_for_workers(), diagnose.__module__) as workers:
         found = diagnose(
             [recording for recording, _ in recordings],
             start,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,9 @@ def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
     return np.where(used, 1 - np.minimum(single * bumps * len(SCALES_PX), 1).min(axis=0), 0.0)
 
 
-def locate(fitted: Fit, forms: Forms, beside: Beside, lone: Spot | None) -> tuple[list[Place], list[np.ndarray]]:
+def locate(
+    fitted: Fit, forms: Forms, beside: Beside, bumps: Sequence[Bumps], lone: Spot | None
+) -> tuple[list[Place], list[np.ndarray]]:
     """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`.
 
     A spot that is more than noise is a place, too, where free forms have not found it.
@@ -81,7 +84,7 @@ def locate(fitted: Fit, forms: Forms, beside: Beside, lone: Spot | None) -> tupl
     for k, item in enumerate(fitted.data):
         residual = fitted.residual[first : first + item.recording.points]
         first += item.recording.points
-        score = Bumps.of(item, seed=k).scores(residual)
+        score = bumps[k].scores(residual)
         maps.append(mismatch(score, item.recording.used))
         families = _families(forms, beside, k)
         if lone and lone.pair == k and "place" not in dict(families):

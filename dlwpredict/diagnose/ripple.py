@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft
 
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.screen import Null, p_of_largest
+from dlwpredict.diagnose.screen import p_of_largest
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,18 @@ class Ripple:
     p_value: float
 
 
-def ripple(fitted: Fit, null: Null) -> Ripple:
+def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     """Test the largest ordinate of the periodogram (Fisher 1929) of every whitened residual.
 
     Ordinates are divided by what the null's draws have there on average, those of a draw by what the others have: by an
     average with itself in it, it would seem smaller than a residual.
+
+    Parameters
+    ----------
+    fitted : Fit
+    draws : numpy.ndarray, shape (rows, draws)
+        From `Null.beside` this fit.
     """
-    draws = null.beside(fitted.basis)
     found, first = [], 0
     for k, item in enumerate(fitted.data):
         used, grid = item.recording.used, item.recording.target

@@ -24,7 +24,7 @@ from dlwpredict.diagnose.refit import freed
 from dlwpredict.diagnose.ripple import Ripple, ripple
 from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.diagnose.select import Library, Search
-from dlwpredict.diagnose.spots import Spot, spot
+from dlwpredict.diagnose.spots import Bumps, Spot, spot
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parallel import ALONE, Workers
@@ -43,7 +43,6 @@ ALIKE = 0.15
 
 EXPLAINED = 0.9
 """The named effects must explain this share of what the free forms explain."""
-
 
 SINGLE = LEVEL / 4
 """The same for each of the four ways of looking for it."""
@@ -243,10 +242,13 @@ def diagnose(
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)
-    judged = _judged(baseline, beside, null, Columns.of(noise))
+    bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
+    judged = _judged(baseline, beside, null, bumps, Columns.of(noise))
     lone = judged.spot if judged.spot.p_value < SINGLE else None
-    places, mismatch = locate(baseline, forms, beside, lone)
-    extended = judged if model is baseline else _judged(model, Beside.of(model, columns, null), null, judged.columns)
+    places, mismatch = locate(baseline, forms, beside, bumps, lone)
+    extended = judged
+    if model is not baseline:
+        extended = _judged(model, Beside.of(model, columns, null), null, bumps, judged.columns)
     return Diagnosis(
         recordings,
         tuple(noise),
@@ -282,13 +284,14 @@ def _held_out(recording: Recording, baseline: Fit, seed: int) -> Whitened:
     return Whitened.of(recording, noise.model, discretisation_um(recording, parameters), slope)
 
 
-def _judged(fitted: Fit, beside: Beside, null: Null, columns: Columns) -> Model:
+def _judged(fitted: Fit, beside: Beside, null: Null, bumps: Sequence[Bumps], columns: Columns) -> Model:
+    draws = null.beside(fitted.basis)
     return Model(
         fitted,
         beside.energy(),
         beside.structure_um(fitted),
-        ripple(fitted, null),
-        spot(fitted, null),
+        ripple(fitted, draws),
+        spot(fitted, draws, bumps),
         columns,
         left_out.blocks(fitted),
         left_out.recordings(fitted),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy import ndimage
 
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.screen import Null, p_of_largest
+from dlwpredict.diagnose.screen import p_of_largest
 from dlwpredict.smoothing import FWHM_PER_SIGMA
 
 SCALES_PX = (1.0, 2.5, 6.0)
@@ -78,15 +79,23 @@ def _matched(item: Whitened, white: np.ndarray) -> np.ndarray:
     return np.stack([ndimage.gaussian_filter(plane, s, mode="constant") for s in SCALES_PX])
 
 
-def spot(fitted: Fit, null: Null) -> Spot:
-    """Test the largest score of a bump anywhere on any recording against the largest ones of the null's draws."""
-    draws = null.beside(fitted.basis)
+def spot(fitted: Fit, draws: np.ndarray, bumps: Sequence[Bumps]) -> Spot:
+    """Test the largest score of a bump anywhere on any recording against the largest ones of the null's draws.
+
+    Parameters
+    ----------
+    fitted : Fit
+    draws : numpy.ndarray, shape (rows, draws)
+        From `Null.beside` this fit.
+    bumps : sequence of Bumps
+        Of every recording.
+    """
     found, first = [], 0
     for k, item in enumerate(fitted.data):
         rows, grid = slice(first, first + item.recording.points), item.recording.target
-        first, bumps = rows.stop, Bumps.of(item, seed=k)
-        power = bumps.scores(fitted.residual[rows]) ** 2
-        largest = np.array([np.max(bumps.scores(draw) ** 2) for draw in draws[rows].T])
+        first = rows.stop
+        power = bumps[k].scores(fitted.residual[rows]) ** 2
+        largest = np.array([np.max(bumps[k].scores(draw) ** 2) for draw in draws[rows].T])
         scale, row, col = np.unravel_index(np.argmax(power), power.shape)
         energy = float(power[scale, row, col])
         fwhm_um = FWHM_PER_SIGMA * SCALES_PX[scale] * float(np.sqrt(grid.dx_um * grid.dy_um))

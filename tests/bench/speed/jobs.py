@@ -149,7 +149,7 @@ def diagnosed() -> Callable[[], dict]:
     pairs = [prepare(target, seen) for target, seen in recorded(Case(seed=1000))]
 
     def run() -> dict:
-        with Workers(cores()) as workers:
+        with Workers(cores(), diagnose.__module__) as workers:
             return {"verdict": diagnose(pairs, ParameterSet(), workers=workers).verdict}
 
     return run
