@@ -218,14 +218,23 @@ class TestFocus:
         assert longer == pytest.approx((TOP - S_Z * u) / (1 + 0.05 * S_Z * u), abs=2e-4)
         moved = exposed(pad(), effect("spherical-aberration", focus_shift=0.02))[45, 45]
         assert moved == pytest.approx(TOP * 1.02 - S_Z * u, abs=1e-4)
+
+    @pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+    def test_spherical_aberration_grows_with_a_power_of_the_depth(self, power):
+        """Where the surface lies, z = TOP − σ_z(z)·u for a longer focus, and for a weaker one the integral says it."""
+        part = pad()
+        longer = exposed(part, effect("spherical-aberration", broadening_per_um=0.05, depth_power=power))[45, 45]
+        wider = S_Z * (1 + 0.5 * (longer / 10) ** power)
+        assert longer == pytest.approx(TOP - wider * ndtri(P), abs=2e-4)
         layers = np.linspace(TOP - 8 * S_Z, TOP, 4001)
 
         def exposure(z):
-            return np.trapezoid((1 - 0.02 * layers) ** 2 * np.exp(-(((layers - z) / S_Z) ** 2) / 2), layers) / (
+            weaker = 1 - 0.2 * (layers / 10) ** power
+            return np.trapezoid(weaker**2 * np.exp(-(((layers - z) / S_Z) ** 2) / 2), layers) / (
                 S_Z * np.sqrt(2 * np.pi)
             )
 
-        weaker = exposed(pad(), effect("spherical-aberration", loss_per_um=0.02))[45, 45]
+        weaker = exposed(part, effect("spherical-aberration", loss_per_um=0.02, depth_power=power))[45, 45]
         assert weaker == pytest.approx(brentq(lambda z: exposure(z) - P, TOP - 2, TOP + 2), abs=6e-4)
 
     @pytest.mark.parametrize("direction", [1.0, -1.0])

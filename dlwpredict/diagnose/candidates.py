@@ -89,23 +89,28 @@ def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
     """Return the settings of an effect's shape that are worth a column: lengths, angles, the channels of a dose."""
     axes: dict[str, list[float]] = {}
     for name, (default, declared) in declarations(kind).items():
-        values = _values(name, default, declared)
+        values = [] if levelled(kind, name) else _values(name, default, declared)
         if name not in kind.switches() and declared.fitted and values and matters(kind, switch, name):
             axes[name] = values
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 
 
 def _values(name: str, default: float, declared: Declaration) -> list[float]:
-    """Return the values of a shape parameter worth trying; none for places, which a refit finds."""
-    if name == "conversion":
-        return [0.0, 1.0]
+    """Return the values of a shape parameter worth trying."""
+    if declared.unit == "1":
+        return [declared.low, declared.high]
     if declared.unit == "°":
         return [0.0, 45.0]
     if declared.unit == "rad":
         return [0.0, np.pi / 2]
     if declared.unit == "µm" and declared.low > 0:
         return [float(np.clip(default * s, declared.low, declared.high)) for s in SHAPES]
-    return []
+    return [declared.low / 2, default, declared.high / 2]
+
+
+def levelled(kind: type[Effect], name: str) -> bool:
+    """Tell whether a shape is the centre of a bend of heights: elsewhere it is the same bend and a plane."""
+    return name.startswith("centre_") and kind.stage != "dose"
 
 
 @cache

@@ -11,7 +11,7 @@ from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.candidates import Candidate
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit, sharing
-from dlwpredict.diagnose.refit import effect_of, refit, scouted, settled, without
+from dlwpredict.diagnose.refit import effect_of, kept_promise, scouted, settled, without
 from dlwpredict.diagnose.screen import Null, Screen, screen
 from dlwpredict.effects.base import Effect
 from dlwpredict.parallel import ALONE, Workers
@@ -152,7 +152,10 @@ class Search:
         return [effect for effect in model.parameters.effects if effect.name not in known]
 
     def refits(self, model: Fit) -> dict[str, Fit]:
-        """Refit the effects that score best, each from its best shape, together with all that the model has."""
+        """Refit the effects that score best, each from its best shape, together with all that the model has.
+
+        A quick refit that does not bring what the score has promised is done with more care.
+        """
         if model not in self.tried:
             scores, chosen = self.screen(model), {}
             strength = np.abs(scores.z)
@@ -161,8 +164,9 @@ class Search:
                 if strength[k] >= max(0.5 * strength[order[0]], 1e-9) and len(chosen) < SHORTLIST:
                     chosen.setdefault(self.library.chosen[k].name, int(k))
             starts = [(model, self.library.chosen[k], START_SHARE * scores.amplitude[k]) for k in chosen.values()]
-            found = [sharing(one, model.data) for one in self.workers.each(refit, starts)]
-            self.tried[model] = dict(zip(chosen, found, strict=True))
+            promised = [model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for k in chosen.values()]
+            found = self.workers.each(kept_promise, [(*own, bar) for own, bar in zip(starts, promised, strict=True)])
+            self.tried[model] = dict(zip(chosen, (sharing(one, model.data) for one in found), strict=True))
             self._told(model, self.tried[model])
         return self.tried[model]
 

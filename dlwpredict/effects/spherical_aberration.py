@@ -8,15 +8,20 @@ import numpy as np
 
 from dlwpredict.effects.base import DoseEffect
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.states import Dose
+from dlwpredict.model.states import Dose, depth_um
 from dlwpredict.parameters import declare
+
+LEAST = 0.05
+"""No layer gets less than this share of the intensity."""
 
 
 @dataclass(frozen=True)
 class SphericalAberration(DoseEffect):
-    """The indices of resin and immersion differ, and the error grows in proportion to the height z.
+    """The indices of resin and immersion differ, and the error of the wavefront grows in proportion to the height z.
 
-    FWHM_z(z) = FWHM_z · (1 + broadening · z), D = 1 − loss · z, and the focus lies at z · (1 + focus_shift).
+    FWHM_z(z) = FWHM_z · (1 + broadening · ẑ), D = 1 − loss · ẑ with ẑ = z · (z / 10 µm)^(power − 1), and the focus lies
+    at z · (1 + focus_shift). Power 1 is the common description. Of a small error of the wavefront, length and intensity
+    of the focus know only the square (Maréchal 1947), which is power 2; a large one comes nearer to 1.
     """
 
     name = "spherical-aberration"
@@ -30,6 +35,7 @@ class SphericalAberration(DoseEffect):
         0.0, "1/µm", 0.0, 0.2, "relative growth of the axial FWHM per µm of height", typical=0.02
     )
     loss_per_um: float = declare(0.0, "1/µm", 0.0, 0.05, "loss of intensity per µm of height", typical=0.005)
+    depth_power: float = declare(1.0, "1", 1.0, 2.0, "power of the height that broadening and loss grow with")
     focus_shift: float = declare(0.0, "1", -0.1, 0.1, "relative displacement of the focus along z", typical=0.01)
 
     def act(self, state: Dose) -> Dose:
@@ -39,11 +45,16 @@ class SphericalAberration(DoseEffect):
                 state, written=state.written.with_heights(state.written.heights_um * (1 + self.focus_shift))
             )
         focus = tuple(
-            replace(part, broadening_per_um=part.broadening_per_um + self.broadening_per_um) for part in state.focus
+            replace(
+                part,
+                broadening_per_um=part.broadening_per_um + self.broadening_per_um,
+                depth_power=self.depth_power,
+            )
+            for part in state.focus
         )
         state = replace(state, focus=focus)
         return super().act(state) if self.loss_per_um else state
 
     def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
-        """Return D = 1 − loss · z."""
-        return np.full(written.shape, 1 - self.loss_per_um * z_um)
+        """Return D = 1 − loss · ẑ, at least a twentieth."""
+        return np.full(written.shape, max(1 - self.loss_per_um * depth_um(z_um, self.depth_power), LEAST))

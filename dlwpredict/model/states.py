@@ -24,6 +24,15 @@ PlaneAt = Callable[[HeightMap, float], np.ndarray]
 """A function of the written heights and of z in µm that returns a plane (rows, cols)."""
 
 
+DEPTH_UM = 10.0
+"""Height at which what grows with the depth is as declared, whatever its power."""
+
+
+def depth_um(z_um: float, power: float) -> float:
+    """Return z · (|z| / 10 µm)^(power − 1): the depth that an aberration counts by, µm."""
+    return z_um * (abs(z_um) / DEPTH_UM) ** (power - 1)
+
+
 @dataclass(frozen=True)
 class Focus:
     """One Gaussian part of the focus.
@@ -40,6 +49,8 @@ class Focus:
         Turn of the principal axes, counter-clockwise.
     broadening_per_um : float
         Relative growth of the axial FWHM per µm of height.
+    depth_power : float
+        Of the height that it grows with; the growth at 10 µm does not hang on it.
     lag_y_um : float
         Mean length of the one-sided exponential that trails the focus, µm; positive towards +y.
     """
@@ -50,6 +61,7 @@ class Focus:
     fwhm_z_um: float
     angle_deg: float = 0.0
     broadening_per_um: float = 0.0
+    depth_power: float = 1.0
     lag_y_um: float = 0.0
 
     @property
@@ -60,7 +72,8 @@ class Focus:
 
     def sigma_z_um(self, z_um: float) -> float:
         """Axial standard deviation at height z, µm."""
-        return self.fwhm_z_um / FWHM_PER_SIGMA * max(1 + self.broadening_per_um * z_um, 0.05)
+        longer = 1 + self.broadening_per_um * depth_um(z_um, self.depth_power)
+        return self.fwhm_z_um / FWHM_PER_SIGMA * max(longer, 0.05)
 
     def spread(self, plane: np.ndarray, dx_um: float, dy_um: float) -> np.ndarray:
         """Convolve a plane with the lateral shape of this part of the focus."""
