@@ -52,6 +52,12 @@ def scouted(model: Fit, candidate: Candidate, sign: float, bar: float) -> Fit | 
     return _beyond(fit(model.data, start.free, known=start, start=start.point.vector, secant=True))
 
 
+def from_typical(model: Fit, candidate: Candidate, sign: float) -> Fit:
+    """Refit one more effect from its typical size with derivatives of its own, from both signs for 0."""
+    starts = [refit(model, candidate, one) for one in ([sign] if sign else [1.0, -1.0])]
+    return min((settled(one) for one in starts), key=lambda one: one.chi2)
+
+
 def settled(found: Fit) -> Fit:
     """Return a quick refit brought to rest with derivatives of its own."""
     return _beyond(fit(found.data, found.free, start=found.point.vector, known=found, iterations=2 * ITERATIONS))

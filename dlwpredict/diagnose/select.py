@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import stats
 
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.candidates import Candidate
-from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
+from dlwpredict.diagnose.evidence import WIDTHS, Whitened, prior_rows, stack, width_rows
 from dlwpredict.diagnose.fit import Fit, sharing
-from dlwpredict.diagnose.refit import effect_of, kept_promise, scouted, settled, without
+from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, scouted, settled, without
 from dlwpredict.diagnose.screen import Null, Screen, screen
 from dlwpredict.effects.base import Effect
 from dlwpredict.parallel import ALONE, Workers
@@ -28,6 +29,13 @@ SHORTLIST = 6
 
 RIVALS = 2
 """Of these the best are brought to rest before one is taken."""
+
+UNLIKELY = 0.05
+"""A focus that the prior of its widths makes less probable than this is taken to have been moved by something else."""
+
+HIDDEN = 5.0
+"""Standard deviations that a typical size of an effect stands out before calibration has answered to it, and does not
+afterwards: the answer hides it, as a wider focus hides a blur."""
 
 START_SHARE = 0.5
 """Refits start at this share of the linear strength: the full one may overshoot where the law is not linear."""
@@ -125,7 +133,7 @@ class Search:
     def _grown(self, model: Fit) -> Fit:
         """Add effects, one by one, while noise cannot explain the next one."""
         while len(self.added(model)) < MOST_EFFECTS:
-            if not self.more(model):
+            if not self.more(model) and not self.hidden(model):
                 break
             scores, tried = self.screen(model), self.refits(model)
             order = sorted(tried, key=lambda name: _weighed(tried[name]))
@@ -166,9 +174,22 @@ class Search:
             starts = [(model, self.library.chosen[k], START_SHARE * scores.amplitude[k]) for k in chosen.values()]
             promised = [model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for k in chosen.values()]
             found = self.workers.each(kept_promise, [(*own, bar) for own, bar in zip(starts, promised, strict=True)])
-            self.tried[model] = dict(zip(chosen, (sharing(one, model.data) for one in found), strict=True))
+            absorbed = [k for k in self.hidden(model) if self.library.chosen[k].name not in chosen]
+            jobs = [(model, self.library.chosen[k], float(self.library.signs[k])) for k in absorbed]
+            found += self.workers.each(from_typical, jobs)
+            names = [*chosen, *(self.library.chosen[k].name for k in absorbed)]
+            self.tried[model] = dict(zip(names, (sharing(one, model.data) for one in found), strict=True))
             self._told(model, self.tried[model])
         return self.tried[model]
+
+    def hidden(self, model: Fit) -> list[int]:
+        """Return the candidates, one per effect, that calibration may have answered to with a focus that is none."""
+        if model is not self.baseline or not _strange(model):
+            return []
+        scores = self.screen(model)
+        whole = np.linalg.norm(self.library.columns, axis=0) / scores.spread
+        absorbed = np.flatnonzero((whole >= HIDDEN) & (scores.visible < HIDDEN))
+        return sorted({self.best(scores, self.library.chosen[k].name) for k in absorbed})
 
     def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
         self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
@@ -199,6 +220,13 @@ class Search:
             if fewer.chi2 - model.chi2 < self._least(self.screen(fewer), effect.name):
                 model = settled(fewer)
         return model
+
+
+def _strange(model: Fit) -> bool:
+    """Tell whether a focus is unlikely by the prior of its widths."""
+    rows = dict(zip(WIDTHS, width_rows(model.parameters, model.free.names)[0], strict=True))
+    focus = [row for name, row in rows.items() if name.startswith("exposure") and name in model.free.names]
+    return stats.chi2.sf(np.sum(np.square(focus)), max(len(focus), 1)) < UNLIKELY
 
 
 def _weighed(found: Fit) -> float:
