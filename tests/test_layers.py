@@ -28,7 +28,6 @@ LAYERS = [
     {"batch"},
     {"tiling"},
     {"plots"},
-    {"transfer_plot"},
     {"pages"},
     {"cli"},
 ]

@@ -13,6 +13,7 @@ from dlwpredict import designs, plots
 from dlwpredict.cli.app import app
 from dlwpredict.files import write_height_map
 from dlwpredict.parameters import ParameterSet
+from dlwpredict.plots import panels
 from dlwpredict.process import predict
 
 TARGET = designs.cin(size_um=24, pitch_um=0.5, margin_um=4)
@@ -32,10 +33,10 @@ def lowered():
 def maps_of(figure):
     """Return the images of heights and those of differences."""
     images = [image for axes in figure.axes for image in axes.images]
-    split = {colours: [] for colours in (plots.HEIGHT_COLOURS, plots.DIFFERENCE_COLOURS, plots.CERTAINTY_COLOURS)}
+    split = {colours: [] for colours in (panels.HEIGHT_COLOURS, panels.DIFFERENCE_COLOURS, panels.CERTAINTY_COLOURS)}
     for image in images:
         split[image.get_cmap().name].append(image)
-    return split[plots.HEIGHT_COLOURS], split[plots.DIFFERENCE_COLOURS]
+    return split[panels.HEIGHT_COLOURS], split[panels.DIFFERENCE_COLOURS]
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -56,7 +57,7 @@ def test_every_axis_is_in_um(name):
     for one in axes:
         if one.images:
             assert (one.get_xlabel(), one.get_ylabel()) == ("x / µm", "y / µm")
-            certain = one.images[0].get_cmap().name == plots.CERTAINTY_COLOURS
+            certain = one.images[0].get_cmap().name == panels.CERTAINTY_COLOURS
             assert one.child_axes[0].get_ylabel().endswith("1 − p" if certain else " / µm")
 
 
@@ -80,13 +81,13 @@ def test_walls_and_spikes_do_not_govern_the_colours():
     block = smooth.with_heights(np.roll(smooth.heights_um, 2, axis=1) + 0.1)
     _, (difference,) = maps_of(plots.comparison(smooth, block))
     assert difference.get_clim()[1] == pytest.approx(0.1, rel=0.01)
-    low, high = plots.height_limits(TARGET, TARGET.with_heights(shifted))
+    low, high = panels.height_limits(TARGET, TARGET.with_heights(shifted))
     assert 8.9 < low < 9.1
     assert 11 < high < 11.2
 
 
 def test_a_raw_recording_keeps_its_substrate_in_the_range():
-    low, high = plots.height_limits(TARGET.with_heights(TARGET.heights_um + 4))
+    low, high = panels.height_limits(TARGET.with_heights(TARGET.heights_um + 4))
     assert low == pytest.approx(4)
     assert high == pytest.approx(15, abs=0.1)
 
@@ -114,16 +115,16 @@ def seen(rgb, eye):
 @pytest.mark.parametrize("eye", [np.eye(3), PROTAN, DEUTAN, TRITAN], ids=["full", "protan", "deutan", "tritan"])
 def test_colours_rise_in_lightness_and_can_be_told_apart(eye):
     levels = np.linspace(0, 1, 65)
-    heights = lightness(seen(matplotlib.colormaps[plots.HEIGHT_COLOURS](levels)[:, :3], eye))
+    heights = lightness(seen(matplotlib.colormaps[panels.HEIGHT_COLOURS](levels)[:, :3], eye))
     assert np.all(np.diff(heights) > 0)
     assert np.diff(heights).max() < 2.2 * np.diff(heights).mean()
-    colours = seen(matplotlib.colormaps[plots.DIFFERENCE_COLOURS](levels)[:, :3], eye)
+    colours = seen(matplotlib.colormaps[panels.DIFFERENCE_COLOURS](levels)[:, :3], eye)
     shades = lightness(colours)
     assert np.all(np.diff(shades[:33]) > 0)
     assert np.all(np.diff(shades[32:]) < 0)
     assert np.abs(colours[10] - colours[-11]).max() > 0.15  # the same distance above and below zero
-    lines = seen(np.array([to_rgb(line["color"]) for line in plots.LINES]), eye)
-    dashes = [str(line.get("ls", "-")) for line in plots.LINES]
+    lines = seen(np.array([to_rgb(line["color"]) for line in panels.LINES]), eye)
+    dashes = [str(line.get("ls", "-")) for line in panels.LINES]
     for one, other in combinations(range(len(lines)), 2):
         assert dashes[one] != dashes[other] or np.abs(lines[one] - lines[other]).max() > 0.15
 
@@ -163,7 +164,7 @@ def test_every_verb_draws_what_it_did(verb, folder, monkeypatch):
     assert done.exit_code == 0, done.output
     with Image.open(folder / f"{verb}.png") as image:
         pixels = np.asarray(image.convert("RGB"), dtype=int)
-    bright = np.array([round(255 * value) for value in matplotlib.colormaps[plots.HEIGHT_COLOURS](1.0)[:3]])
+    bright = np.array([round(255 * value) for value in matplotlib.colormaps[panels.HEIGHT_COLOURS](1.0)[:3]])
     assert (np.abs(pixels - bright).max(axis=-1) < 12).sum() > 1000  # the highest parts, in the maps
     assert min(pixels.shape[:2]) > 500
 

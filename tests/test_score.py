@@ -9,6 +9,7 @@ from dlwpredict import plots
 from dlwpredict.designs import air, f
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.plots import panels
 from dlwpredict.score import abbott_curve, corr2, response, roughness, score
 
 
@@ -200,8 +201,8 @@ def test_the_picture_stands_as_the_contract_says():
 
 def test_profiles_run_upwards_in_x_and_y():
     target = f(pitch_um=0.5, margin_um=0)
-    along_x, heights_x = plots.profile(target, "x")
-    along_y, heights_y = plots.profile(target, "y")
+    along_x, heights_x = panels.profile(target, "x")
+    along_y, heights_y = panels.profile(target, "y")
     assert np.all(np.diff(along_x) > 0)
     assert np.all(np.diff(along_y) > 0)
     assert heights_x[along_x < 0].sum() > heights_x[along_x > 0].sum()
@@ -212,17 +213,17 @@ def test_colours_of_a_difference_are_symmetric_and_robust():
     difference = HeightMap(np.full((50, 50), -0.1), 1, 1)
     spiked = difference.heights_um.copy()
     spiked[0, 0] = 9
-    assert plots.difference_limit(spiked) == pytest.approx(0.1)
-    assert plots.difference_limit(np.zeros((3, 3))) > 0
+    assert panels.difference_limit(spiked) == pytest.approx(0.1)
+    assert panels.difference_limit(np.zeros((3, 3))) > 0
 
 
 def test_colours_of_heights_show_the_relief_on_a_block_and_the_whole_of_a_low_part():
-    low, high = plots.height_limits(air(pitch_um=0.5))
+    low, high = panels.height_limits(air(pitch_um=0.5))
     assert (low, high) == (pytest.approx(9, abs=0.05), pytest.approx(11.46, abs=0.05))
-    assert plots.height_limits(f(pitch_um=0.5)) == (0, 5)
-    low, high = plots.height_limits(HeightMap(rough(), 1, 1))
+    assert panels.height_limits(f(pitch_um=0.5)) == (0, 5)
+    low, high = panels.height_limits(HeightMap(rough(), 1, 1))
     assert low < -1.5 < 1.5 < high
-    assert plots.height_limits(HeightMap(np.full((3, 3), np.nan), 1, 1)) == (0, 1)
+    assert panels.height_limits(HeightMap(np.full((3, 3), np.nan), 1, 1)) == (0, 1)
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])

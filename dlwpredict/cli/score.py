@@ -84,10 +84,9 @@ def run(
             found = transfer(*maps, include_filled=include_filled)
         figures["transfer"] = {axis: asdict(one) for axis, one in found.items()}
     if transfer_plot is not None:
-        from dlwpredict.plots import save
-        from dlwpredict.transfer_plot import transfer_curves
+        from dlwpredict import plots
 
-        save(transfer_plot, transfer_curves(found, title=f"{test.stem} against {reference.stem}"))
+        plots.save(transfer_plot, plots.transfer_curves(found, title=f"{test.stem} against {reference.stem}"))
     if plot is not None:
         from dlwpredict import plots
 

@@ -15,13 +15,13 @@ from matplotlib.patches import Rectangle
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.plots import (
+from dlwpredict.plots import drawn
+from dlwpredict.plots.panels import (
     CERTAINTY_COLOURS,
     REFERENCE_LINE,
     TEST_LINE,
     THIRD_LINE,
     difference_limit,
-    drawn,
     show_difference,
     show_map,
 )

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.pages.pictures import coarser
-from dlwpredict.plots import HEIGHT_COLOURS
+from dlwpredict.plots.panels import HEIGHT_COLOURS
 
 LEVELS = 65534
 """Of a relief's own range of heights; the level above the last stands for a point that was not measured."""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.pages.pictures import PROFILE_INCHES, STYLE, Picture, coarser, map_axes, uri
 from dlwpredict.pages.run_folder import DESIGNS, Print, Structure
-from dlwpredict.plots import (
+from dlwpredict.plots.panels import (
     LINES,
     difference_limit,
     difference_um,

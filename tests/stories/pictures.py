@@ -9,16 +9,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.plots import (
+from dlwpredict.plots import save
+from dlwpredict.plots.panels import (
     LINES,
-    PANEL_INCHES,
     difference_limit,
     height_limits,
     inside,
-    save,
     show_difference,
     show_map,
 )
+from dlwpredict.plots.sheets import PANEL_INCHES
 
 COLOURS = ("0.6", "#0072B2", "#D55E00", "#009E73")
 """Of the bars: grey, then blue, vermilion and green of Okabe and Ito."""

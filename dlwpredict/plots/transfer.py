@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from dlwpredict.plots import REFERENCE_LINE, TEST_LINE
+from dlwpredict.plots.panels import REFERENCE_LINE, TEST_LINE
 from dlwpredict.transfer import HALF, Transfer
 
 
