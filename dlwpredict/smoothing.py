@@ -137,7 +137,8 @@ def _block(sigma_px: float, dtype: np.dtype) -> np.ndarray:
 def block_mean(plane: np.ndarray, factors: Sequence[int]) -> np.ndarray:
     """Average over blocks of whole pixels, (rows, cols) per block; the plane must hold whole blocks."""
     rows, cols = (n // m for n, m in zip(plane.shape, factors, strict=True))
-    return plane.reshape(rows, factors[0], -1).mean(axis=1).reshape(rows, cols, factors[1]).mean(axis=2)
+    weights = np.full(factors[1], 1 / (factors[0] * factors[1]), plane.dtype)
+    return plane.reshape(rows, factors[0], -1).sum(axis=1).reshape(rows, cols, factors[1]) @ weights
 
 
 def wide_blur(plane: np.ndarray, sigma_y_px: float, sigma_x_px: float) -> np.ndarray:
