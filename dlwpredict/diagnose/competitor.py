@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from dlwpredict.diagnose.evidence import prior_rows, stack, unwhitened
+from dlwpredict.diagnose.evidence import prior_rows, unwhitened
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.freeform import free_forms
 from dlwpredict.diagnose.screen import Null
@@ -64,12 +64,11 @@ class Forms:
     @property
     def columns(self) -> np.ndarray:
         """All columns as rows of all recordings, priors included, in the order of `every`."""
-        blocks = []
-        for k, family in self.every:
-            own = self.families[k][family]
-            parts = [own if j == k else np.zeros((_points(f), own.shape[1])) for j, f in enumerate(self.families)]
-            blocks.append(stack(parts, prior_rows(len(self.families))))
-        return np.concatenate(blocks, axis=1)
+        first = np.cumsum([0, *map(_points, self.families)])
+        columns = np.zeros((first[-1] + prior_rows(len(self.families)), sum(map(len, self.places.values()))))
+        for (k, family), own in self.places.items():
+            columns[first[k] : first[k + 1], own] = self.families[k][family]
+        return columns
 
     @property
     def places(self) -> dict[tuple[int, str], np.ndarray]:
@@ -105,10 +104,10 @@ class Beside:
     @classmethod
     def of(cls, fitted: Fit, columns: np.ndarray, null: Null) -> Beside:
         """Take out of columns what a fit may move."""
-        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        left = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
         own = fitted.basis
-        left = scaled - own @ (own.T @ scaled)
-        left -= own @ (own.T @ left)
+        for _ in range(2):
+            left -= own @ (own.T @ left)
         return cls(left, left.T @ left, left.T @ fitted.residual, null.along(left))
 
     def energy(self, chosen: np.ndarray | slice = slice(None)) -> Energy:
