@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,7 +17,28 @@ from dlwpredict.parameters import ParameterSet
 from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
 
 
-def steps(parameters: ParameterSet, numerics: Numerics, *, as_measured: bool = False) -> list[Any]:
+@dataclass(frozen=True)
+class FieldOfView:
+    """What is looked at: the map without the room that was added around it for writing.
+
+    Parameters
+    ----------
+    room_px : tuple of int
+        Rows and columns of room on each side.
+    """
+
+    room_px: tuple[int, int]
+    stage: ClassVar[str] = "recording"
+
+    def __call__(self, printed: HeightMap) -> HeightMap:
+        """Return the map in view."""
+        inner = tuple(slice(r, n - r) for r, n in zip(self.room_px, printed.shape, strict=True))
+        return HeightMap(printed.heights_um[inner], printed.dx_um, printed.dy_um)
+
+
+def steps(
+    parameters: ParameterSet, numerics: Numerics, *, as_measured: bool = False, room_px: tuple[int, int] = (0, 0)
+) -> list[Any]:
     """Write the process down as the list of its steps, in the order of their stages.
 
     Each of the paper's steps opens its stage; the effects of that stage follow in the order of the file.
@@ -28,6 +50,8 @@ def steps(parameters: ParameterSet, numerics: Numerics, *, as_measured: bool = F
         The way of computing, `Levels` or `Voxels`.
     as_measured : bool
         Include the effects of the measurement.
+    room_px : (int, int)
+        Rows and columns of room around the map, which an instrument does not see.
     """
     p, readings = parameters.paper, parameters.readings
     chain = [
@@ -36,6 +60,7 @@ def steps(parameters: ParameterSet, numerics: Numerics, *, as_measured: bool = F
         Threshold(p.threshold, readings.threshold_reference),
         CrossLinking(p.crosslink_fwhm_xy_um, p.crosslink_fwhm_z_um),
         Shrinkage(p.shrinkage_min, p.shrinkage_max, readings.crosslink_reference),
+        *([FieldOfView(room_px)] if any(room_px) else []),
     ]
     added = [effect for effect in parameters.effects if as_measured or effect.stage != "recording"]
     return sorted([*chain, *added], key=lambda step: STAGES.index(step.stage))
@@ -80,9 +105,7 @@ def predict(
     check_target(target)
     room = room_px(target, parameters)
     padded = target.with_heights(np.pad(target.heights_um, [(r, r) for r in room]))
-    printed = run(steps(parameters, numerics or Levels(), as_measured=as_measured), padded).heights_um
-    inner = tuple(slice(r, r + n) for r, n in zip(room, target.shape, strict=True))
-    return HeightMap(printed[inner], target.dx_um, target.dy_um)
+    return run(steps(parameters, numerics or Levels(), as_measured=as_measured, room_px=room), padded)
 
 
 def check_target(target: HeightMap) -> None:
@@ -106,7 +129,7 @@ def check_target(target: HeightMap) -> None:
         raise InputError("nothing written, every height is 0", key="heights", allowed="some height above 0")
 
 
-def room_px(target: HeightMap, parameters: ParameterSet) -> list[int]:
+def room_px(target: HeightMap, parameters: ParameterSet) -> tuple[int, int]:
     """Return the rows and columns of empty resin to add on each side, so that exposure beyond the map is kept."""
     reach = REACH_SIGMAS * parameters.paper.exposure_fwhm_xy_um / FWHM_PER_SIGMA
-    return [int(np.ceil(reach / pitch)) + 1 for pitch in (target.dy_um, target.dx_um)]
+    return tuple(int(np.ceil(reach / pitch)) + 1 for pitch in (target.dy_um, target.dx_um))

@@ -435,14 +435,24 @@ class TestMeasurement:
     def test_z_amplification_is_a_factor(self, wave):
         np.testing.assert_array_equal(measured(wave, effect("z-amplification", gain=0.03)), 1.03 * wave.heights_um)
 
-    def test_z_linearity_is_zero_in_the_middle_and_full_at_both_ends(self):
+    def test_z_linearity_counts_from_the_mean_in_units_of_half_the_range(self):
         ramp = HeightMap(np.repeat(np.linspace(0, 8, 41)[None], 5, axis=0), 1, 1)
         error = (measured(ramp, effect("z-linearity", quadratic_um=0.05)) - ramp.heights_um)[2]
         assert error[[0, 20, 40]] == pytest.approx([0.05, 0, 0.05], abs=1e-12)
+        steps = HeightMap([[0.0, 0.0, 0.0], [0.0, 8.0, np.nan]], 1, 1)  # mean 1.6, half the range 4
+        error = measured(steps, effect("z-linearity", quadratic_um=0.05)) - steps.heights_um
+        assert error[0, 0] == pytest.approx(0.05 * 0.16) and error[1, 1] == pytest.approx(0.05 * 2.56)
         wavy = (
             measured(ramp, effect("z-linearity", periodic_um=0.05, period_um=4.0, phase_rad=0.5)) - ramp.heights_um
         )[2]
         np.testing.assert_allclose(wavy, 0.05 * np.sin(2 * np.pi * ramp.heights_um[2] / 4 + 0.5), atol=1e-12)
+
+    def test_an_instrument_does_not_see_the_room_around_the_map(self):
+        part = HeightMap(np.pad(np.full((20, 20), 4.0), 10), 0.5, 0.5)
+        printed = predict(part, ParameterSet())
+        process = ParameterSet(effects=(effect("z-linearity", quadratic_um=0.05),))
+        expected = measured(printed, process.effects[0])
+        np.testing.assert_allclose(predict(part, process, as_measured=True).heights_um, expected, atol=1e-12)
 
     def test_field_curvature_at_fifty_micrometres(self):
         flat = HeightMap(np.full((101, 101), 3.0), 1.0, 1.0)

@@ -235,7 +235,7 @@ class TestPixelsThatAreNotSquare:
     def test_the_room_around_a_part_is_five_sigma_along_each_axis(self):
         part = HeightMap(np.ones((4, 4)), 0.2, 0.5)
         reach_um = 5 * 0.5 / 2.3548
-        assert room_px(part, ParameterSet()) == [np.ceil(reach_um / 0.5) + 1, np.ceil(reach_um / 0.2) + 1]
+        assert room_px(part, ParameterSet()) == (np.ceil(reach_um / 0.5) + 1, np.ceil(reach_um / 0.2) + 1)
 
     def test_both_numerics_agree(self):
         rng = np.random.default_rng(4)

@@ -75,8 +75,7 @@ class Trace:
     @property
     def heights_um(self) -> np.ndarray:
         """Predicted heights on the target's grid, shape (rows, cols)."""
-        (r, c), heights = self.room, self.states[-1].heights_um
-        return heights[r : heights.shape[0] - r, c : heights.shape[1] - c]
+        return self.states[-1].heights_um
 
 
 def trace(target: HeightMap, parameters: ParameterSet, numerics: Numerics, known: Trace | None = None) -> Trace:
@@ -94,8 +93,8 @@ def trace(target: HeightMap, parameters: ParameterSet, numerics: Numerics, known
     known : Trace, optional
         An earlier prediction of the same target.
     """
-    room = tuple(room_px(target, parameters))
-    chain = tuple(_chain(parameters, numerics))
+    room = room_px(target, parameters)
+    chain = tuple(_chain(parameters, numerics, room))
     states: list[Any] = [target.with_heights(np.pad(target.heights_um, [(r, r) for r in room]))]
     if known is not None and known.room == room:
         shared = next(
@@ -109,8 +108,8 @@ def trace(target: HeightMap, parameters: ParameterSet, numerics: Numerics, known
     return Trace(chain, tuple(states), room, sum(_cost(step) for step in todo))
 
 
-def _chain(parameters: ParameterSet, numerics: Numerics) -> list[Any]:
-    chain = steps(parameters, numerics, as_measured=True)
+def _chain(parameters: ParameterSet, numerics: Numerics, room: tuple[int, int]) -> list[Any]:
+    chain = steps(parameters, numerics, as_measured=True, room_px=room)
     at = next(k for k, step in enumerate(chain) if isinstance(step, Shrinkage))
     return [*chain[:at], ColumnMean(parameters.readings.crosslink_reference), *chain[at:]]
 

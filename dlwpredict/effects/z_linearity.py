@@ -16,9 +16,8 @@ def scale_error(
 ) -> np.ndarray:
     """Return quadratic · ((t − t₀)/Z)² + periodic · sin(2πt/period + phase), µm.
 
-    t₀ is the middle and Z half of the recorded range, from the substrate to the highest point, so that the
-    quadratic part is 0 in the middle and `quadratic_um` at both ends whatever share of the field the part fills. The
-    linearity deviation l_z of ISO 25178-600.
+    t₀ is the mean of the recording and Z half of its range: a scale is set by what is in view. The linearity deviation
+    l_z of ISO 25178-600.
 
     Parameters
     ----------
@@ -28,7 +27,7 @@ def scale_error(
     period_um, phase_rad : float
     """
     low, high = np.nanmin(heights_um), np.nanmax(heights_um)
-    share = (heights_um - (low + high) / 2) / max((high - low) / 2, 1e-9)
+    share = (heights_um - np.nanmean(heights_um)) / max((high - low) / 2, 1e-9)
     return quadratic_um * share**2 + periodic_um * np.sin(2 * np.pi * heights_um / period_um + phase_rad)
 
 
@@ -46,7 +45,7 @@ class ZLinearity(MapEffect):
     separated_by = "certified steps, or the sample moved in z by half a period under the microscope"
 
     quadratic_um: float = declare(
-        0.0, "µm", -1, 1, "deviation at both ends of the range against its middle", typical=0.05
+        0.0, "µm", -1, 1, "deviation half the range of heights away from their mean", typical=0.05
     )
     periodic_um: float = declare(0.0, "µm", 0.0, 0.5, "amplitude of the periodic error", typical=0.05)
     period_um: float = declare(3.0, "µm", 0.2, 50, "its period in height")

@@ -43,6 +43,12 @@ class Canvas:
         """Rows and columns with the room."""
         return tuple(n + 2 * r for n, r in zip(self.target_shape, self.room_px, strict=True))
 
+    @property
+    def view(self) -> Tile:
+        """Where the target lies on the canvas."""
+        (down, across), (rows, cols) = self.room_px, self.target_shape
+        return Tile(down, down + rows, across, across + cols)
+
     def heights(self) -> np.ndarray:
         """Return the target's heights, µm, on disk."""
         if self.path.suffix == ".npy":
@@ -54,11 +60,9 @@ class Canvas:
 
     def window(self, tile: Tile) -> Window:
         """Read one tile of the canvas."""
-        (down, across), (rows, cols) = self.room_px, self.target_shape
-        inside = Tile(down, down + rows, across, across + cols)
-        common = tile.common(inside)
+        common = tile.common(self.view)
         heights = np.zeros(tile.shape)
-        heights[common.within(tile)] = self.heights()[common.within(inside)]
+        heights[common.within(tile)] = self.heights()[common.within(self.view)]
         return self.placed(tile, heights)
 
     def placed(self, tile: Tile, heights_um: np.ndarray) -> Window:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,9 +50,19 @@ def finished(
     state = Crosslinked(
         Exposed(window, Dose(window, (), numerics)), p.paper.crosslink_fwhm_xy_um, p.paper.crosslink_fwhm_z_um
     )
-    first = STAGES.index("height")
-    chain = [step for step in steps(p, numerics, as_measured=as_measured) if STAGES.index(step.stage) >= first]
-    return run(chain, state).heights_um[job.tile.within(outer)]
+    chain, first = steps(p, numerics, as_measured=as_measured), STAGES.index("height")
+    printing = [step for step in chain if STAGES.index(step.stage) >= first and not _sees(step)]
+    heights = np.array(run(printing, state).heights_um)
+    inside = outer.common(canvas.view)
+    if min(inside.shape) > 1:
+        seen = run(filter(_sees, chain), canvas.placed(inside, heights[inside.within(outer)]))
+        heights[inside.within(outer)] = seen.heights_um
+    return heights[job.tile.within(outer)]
+
+
+def _sees(step: Any) -> bool:
+    """Tell whether a step belongs to the instrument, which sees the map without the room around it."""
+    return step.stage == "recording"
 
 
 def _collected(outer: Tile, jobs: Iterable[TileJob]) -> tuple[np.ndarray, np.ndarray]:

@@ -172,7 +172,7 @@ def canvas_of(
     if missing:
         raise InputError(f"{missing} points without a height", key="heights", allowed="a target must be complete")
     check_target(grid)
-    return Canvas(path, heights_um.shape, dx_um, dy_um, tuple(room_px(grid, parameters))), float(high)
+    return Canvas(path, heights_um.shape, dx_um, dy_um, room_px(grid, parameters)), float(high)
 
 
 def tile_side_px(canvas: Canvas, parameters: ParameterSet, highest_um: float) -> int:
