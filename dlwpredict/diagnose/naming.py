@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlwpredict.diagnose.baseline import on_own_pixels
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.refit import effect_of, without
+from dlwpredict.diagnose.refit import effect_of, settled, without
 from dlwpredict.diagnose.select import Search
 from dlwpredict.effects.base import Effect
 from dlwpredict.parameters import declarations
@@ -19,6 +20,9 @@ own variance ..."""
 FORM_ERROR = 20**-0.5
 """... nor by the energy of this share of the signature, a twentieth: beside one that explains the rest, a strength has
 20 times the variance that it has alone, and no formula is trusted further than that."""
+
+NEARLY = 3.0
+"""A quick refit that is not this many times as far behind is done with care before it is left out of the class."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +89,12 @@ def _named(search: Search, model: Fit, effect: Effect) -> Named:
     gain = rest.chi2 - model.chi2
     z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
-    others = [
-        Alternative(effect_of(fitted, name), fitted.chi2 - model.chi2, fitted)
-        for name, fitted in search.refits(rest).items()
-        if name != effect.name
-    ]
-    close = sorted((other for other in others if other.loss < limit), key=lambda other: other.loss)
+    others = {name: fitted for name, fitted in search.refits(rest).items() if name != effect.name}
+    for name, fitted in others.items():
+        if limit <= fitted.chi2 - model.chi2 < NEARLY * limit:
+            others[name] = on_own_pixels(settled(fitted), search.workers)
+    found = [Alternative(effect_of(fitted, name), fitted.chi2 - model.chi2, fitted) for name, fitted in others.items()]
+    close = sorted((other for other in found if other.loss < limit), key=lambda other: other.loss)
     return Named(effect, gain, scores.p_value(z), model, rest, tuple(close))
 
 

@@ -221,12 +221,10 @@ def diagnose(
         noise = better
         tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
         data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
-        baseline = fit_from(data, free, vector, workers)
-        if found is None:
-            baseline = on_own_pixels(baseline, workers)
+        baseline = on_own_pixels(fit_from(data, free, vector, workers), workers)
         library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed, workers)
         search = Search(baseline, library, null, tell, workers)
-        begun = fit(baseline.data, found.free, start=found.point.vector) if found else None
+        begun = fit(data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
         if found is None and _doubtful(search, model):
             model = search.widened(model)

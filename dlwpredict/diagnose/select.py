@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from dlwpredict.diagnose.around import Around
+from dlwpredict.diagnose.baseline import on_own_pixels
 from dlwpredict.diagnose.candidates import Candidate
 from dlwpredict.diagnose.evidence import WIDTHS, Whitened, prior_rows, stack, width_rows
 from dlwpredict.diagnose.fit import Fit, sharing
@@ -28,7 +29,7 @@ SHORTLIST = 6
 """Effects that are refitted per round."""
 
 RIVALS = 2
-"""Of these the best are brought to rest before one is taken."""
+"""Of these the best are brought to rest, on pixels of their own, before one is taken."""
 
 UNLIKELY = 0.05
 """A focus that the prior of its widths makes less probable than this is taken to have been moved by something else."""
@@ -138,7 +139,7 @@ class Search:
             scores, tried = self.screen(model), self.refits(model)
             order = sorted(tried, key=lambda name: _weighed(tried[name]))
             for name in order[:RIVALS]:
-                tried[name] = settled(tried[name])
+                tried[name] = on_own_pixels(settled(tried[name]), self.workers)
             convincing = [grown for name, grown in tried.items() if _convinces(grown, model, self._least(scores, name))]
             if not convincing:
                 break
@@ -218,7 +219,7 @@ class Search:
                 break
             fewer = without(model, effect.name)
             if fewer.chi2 - model.chi2 < self._least(self.screen(fewer), effect.name):
-                model = settled(fewer)
+                model = on_own_pixels(settled(fewer), self.workers)
         return model
 
 
