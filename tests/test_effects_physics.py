@@ -10,7 +10,7 @@ from dlwpredict.effects import library
 from dlwpredict.effects.dose_proximity import neighbourhood
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
-from dlwpredict.model.states import Focus
+from dlwpredict.model.states import Dose, Focus
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict, run, steps
 from dlwpredict.smoothing import FWHM_PER_SIGMA, lag
@@ -253,6 +253,27 @@ class TestFocus:
         ratio = (wave @ (late[inner, 15] - 5)) / (wave @ (straight[inner, 15] - 5))
         expected = 1 / (1 + 2j * np.pi * direction * length / period)
         assert abs(ratio - expected) < 4e-3
+
+    @pytest.mark.parametrize("direction", [1.0, -1.0])
+    def test_galvo_lag_of_the_heights_is_the_exponential_and_leaves_the_substrate_bare(self, direction):
+        pitch, length = 0.1, 0.6
+        heights = np.zeros((300, 12))
+        heights[50:250] = 4.0
+        target = HeightMap(heights, pitch, pitch)
+        late = effect("galvo-lag", lag_um=length, direction=direction, height_share=1.0)
+        state = late(Dose(target, (Focus(1.0, 0.4, 0.4, 1.5),), Levels(1)))
+        assert state.focus[0].lag_y_um == 0
+        along = state.written.heights_um[:, 5][:: -1 if direction > 0 else 1]  # in the order of writing
+        gone = (np.arange(300) - 49.5) * pitch
+        expected = np.where(gone > 0, 1 - np.exp(-gone / length), 0) - np.where(
+            gone > 20, 1 - np.exp(-(gone - 20) / length), 0
+        )
+        written = along > 0
+        inside = np.convolve(written, np.ones(7), "same") == 7  # away from where the part ends
+        # beside the wall that was, the recursion overshoots by a hundredth
+        np.testing.assert_allclose(along[inside], 4 * expected[inside], atol=0.06)
+        ends = np.flatnonzero(np.diff(written.astype(int))) + 0.5 - 49.5
+        np.testing.assert_allclose(ends * pitch, [length * np.log(2), 20 + length * np.log(2)], atol=pitch)
 
     def test_lag_shifts_by_its_mean(self):
         spot = np.zeros((40, 120))

@@ -50,7 +50,7 @@ PROCESSES = {
     "focus": ParameterSet(
         paper=PAPER,
         effects=effects(
-            ("galvo-lag", {"lag_um": 0.2}),
+            ("galvo-lag", {"lag_um": 0.2, "height_share": 0.5}),
             ("psf-wings", {"weight": 0.1}),
             ("edge-inhibition", {"gain": 0.1, "fwhm_um": 2.0}),
         ),

@@ -4,17 +4,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dlwpredict.effects.base import FocusEffect
-from dlwpredict.model.states import Focus
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.states import Dose, Focus
 from dlwpredict.parameters import declare
+from dlwpredict.smoothing import lag
+
+
+def trailing(written: HeightMap, lag_um: float) -> np.ndarray:
+    """Return k ∗ h along y, µm, 0 where k ∗ (h > 0) is below ½: the part moves, and walls stay walls.
+
+    k ∗ h alone would cover the substrate behind each part with an endless thin film.
+    """
+    # rows run downwards, y upwards
+    heights, part = lag(np.stack([written.heights_um, written.heights_um > 0]), -lag_um / written.dy_um, axis=-2)
+    return np.where(part >= 0.5, np.maximum(heights, 0), 0)
 
 
 @dataclass(frozen=True)
 class GalvoLag(FocusEffect):
-    """Every layer is smeared along the writing direction by k(s) = e^(−s/ℓ)/ℓ, s > 0, ℓ = speed · delay.
+    """What is written trails along the writing direction by k(s) = e^(−s/ℓ)/ℓ, s > 0, ℓ = speed · delay.
 
-    The kernel acts on the layers (on the exposure), so that their sum is k ∗ h while walls stay walls: k ∗ h itself,
-    taken as a target, would cover the substrate behind each part with an endless thin film.
+    Layer by layer it is the dose of every layer that trails: the kernel belongs to the focus. Where the printer follows
+    the relief along each line, the heights themselves do, h → k ∗ h. `height_share` of ℓ is the latter's.
     """
 
     name = "galvo-lag"
@@ -26,8 +40,16 @@ class GalvoLag(FocusEffect):
     isotropic = False
 
     lag_um: float = declare(0.0, "µm", 0.0, 3.0, "mean shift along the lines, scan speed times delay", typical=0.3)
+    height_share: float = declare(0.0, "1", 0.0, 1.0, "share of the lag that is the heights', not the dose's")
     direction: float = declare(1.0, "1", -1, 1, "writing direction, +1 towards +y, -1 towards -y", fitted=False)
+
+    def act(self, state: Dose) -> Dose:
+        """Return the dose of what is written late, from a focus that is late."""
+        length = self.height_share * self.direction * self.lag_um
+        written = state.written.with_heights(trailing(state.written, length)) if length else state.written
+        return replace(super().act(state), written=written)
 
     def reshape(self, part: Focus) -> tuple[Focus, ...]:
         """Return the same Gaussian with a tail along the writing direction."""
-        return (replace(part, lag_y_um=part.lag_y_um + self.direction * self.lag_um),)
+        length = (1 - self.height_share) * self.direction * self.lag_um
+        return (replace(part, lag_y_um=part.lag_y_um + length),)

@@ -13,7 +13,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels, coarse_factor
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import run, steps
-from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
+from dlwpredict.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS
 
 FADED = 8.0
 """An exponential that scales an effect of some per cent is let go after this many of its lengths, at 3e-4 of it."""
@@ -36,6 +36,7 @@ REACH_UM: dict[str, Callable[[Any], Reach]] = {
     "dose-proximity": lambda e: _gaussian(e.fwhm_um),
     "edge-drying": lambda e: _round(FADED * e.length_um),
     "edge-inhibition": lambda e: _gaussian(e.fwhm_um),
+    "galvo-lag": lambda e: (LAG_REACH * e.lag_um * e.height_share, 0.0),
     "line-end-pileup": lambda e: (FADED * e.length_um, 0.0),
     "batwings": lambda e: _gaussian(e.fwhm_um),
     "instrument-blur": lambda e: _gaussian(e.fwhm_um),
@@ -45,7 +46,6 @@ REACH_UM: dict[str, Callable[[Any], Reach]] = {
 LOCAL = (
     "astigmatism",
     "field-curvature",
-    "galvo-lag",
     "interface-offset",
     "print-field-curvature",
     "psf-wings",
