@@ -90,6 +90,7 @@ def _named(search: Search, model: Fit, effect: Effect) -> Named:
     z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
     others = {name: fitted for name, fitted in search.refits(rest).items() if name != effect.name}
+    others |= search.look_alikes(rest, effect, model.chi2)
     for name, fitted in others.items():
         if limit <= fitted.chi2 - model.chi2 < NEARLY * limit:
             others[name] = on_own_pixels(settled(fitted), search.workers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -198,16 +198,38 @@ class Search:
     def _from_typical_sizes(self) -> dict[str, Fit]:
         """Refit, beside the baseline, effects that the screen has left aside, from their typical size.
 
-        What tangents take nearly whole, as a shift takes a lag, shows only where it bends. A whole refit is for those
-        of which a few steps promise half of what the best brings.
+        What tangents take nearly whole, as a shift takes a lag, shows only where it bends.
         """
-        model, scores = self.baseline, self.screen(self.baseline)
-        known = self.refits(model)
-        names = sorted({candidate.name for candidate in self.library.chosen} - set(known))
-        bar = (min(one.chi2 for one in known.values()) + model.chi2) / 2
-        best = [self.best(scores, name) for name in names]
-        jobs = [(model, self.library.chosen[k], float(self.library.signs[k]), bar) for k in best]
-        tried = dict(zip(names, self.workers.each(scouted, jobs), strict=True))
+        known = self.refits(self.baseline)
+        names = {candidate.name for candidate in self.library.chosen} - set(known)
+        return self._scouts(self.baseline, names, min(one.chi2 for one in known.values()))
+
+    def look_alikes(self, model: Fit, effect: Effect, best: float) -> dict[str, Fit]:
+        """Refit, beside a model, what is declared to be confused with an effect and has not been tried.
+
+        Parameters
+        ----------
+        model : Fit
+            Without the effect.
+        effect : Effect
+        best : float
+            −2 ln L with it.
+        """
+        declared = {
+            candidate.name
+            for candidate in self.library.chosen
+            if candidate.name in effect.confused_with or effect.name in candidate.effect.confused_with
+        }
+        present = {one.name for one in model.parameters.effects}
+        return self._scouts(model, declared - present - set(self.refits(model)), best)
+
+    def _scouts(self, model: Fit, names: Set[str], best: float) -> dict[str, Fit]:
+        """Refit effects from their typical size, those only that soon come half way to the best −2 ln L."""
+        scores, ordered = self.screen(model), sorted(names)
+        chosen = [self.best(scores, name) for name in ordered]
+        bar = (best + model.chi2) / 2
+        jobs = [(model, self.library.chosen[k], float(self.library.signs[k]), bar) for k in chosen]
+        tried = dict(zip(ordered, self.workers.each(scouted, jobs), strict=True))
         found = {name: sharing(one, model.data) for name, one in tried.items() if one is not None}
         self._told(model, found)
         return found

@@ -12,7 +12,7 @@ from tests.bench.cases import RANGES
 from tests.prove import structures
 from tests.prove.hidden import NAMED, OUTSIDE, Hidden, named, outside
 
-DEVELOPMENT_SEED, FINAL_SEED = 20250, 973189
+DEVELOPMENT_SEED, FINAL_SEED = 20250, 244348
 """The final seed is used by `make prove` alone, never while anything is tuned; once its truth has been looked at and
 the program is changed, it is spent, and another is drawn (77031, 345967 and 186561 were)."""
 
