@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dlwpredict.calibrate.descend import _secant, bounded_step, normal_root
+from dlwpredict.calibrate.descend import _secant, bounded_step, descend, normal_root
 from dlwpredict.calibrate.holdout import _grown, hold_out
 from dlwpredict.calibrate.intervals import Information, _given_back, linear_interval, open_directions, sandwich
 from dlwpredict.calibrate.loss import Huber
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.profile import _allowed_rise
 from dlwpredict.calibrate.recordings import Recording, coarser, prepare, with_nuisances
-from dlwpredict.flat import choose
+from dlwpredict.flat import Free, choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
 from dlwpredict.parameters import Paper, ParameterSet
@@ -54,6 +54,35 @@ class TestNuisances:
 
 def _named(pair: Recording) -> tuple[tuple[str, ...], np.ndarray]:
     return pair.column_names, pair.columns.T
+
+
+class Banana:
+    """Rosenbrock's valley, residuals 3 (v − u²) and 1 − u, in noise: a full step along its floor ends up its flank."""
+
+    free = Free(ParameterSet(), ("u", "v"), np.array([-5.0, -30.0]), np.array([5.0, 30.0]))
+
+    def __init__(self):
+        self.jacobians = self.places = 0
+
+    def at(self, vector: np.ndarray, known: Point | None = None) -> Point:
+        self.places += 1
+        residual = np.array([3 * (vector[1] - vector[0] ** 2), 1 - vector[0], 100])
+        return Point(vector, (), (), (residual,), (np.ones(3),), float(residual @ residual))
+
+    def jacobian(self, point: Point) -> tuple[np.ndarray]:
+        """Differentiate what is subtracted: recording − prediction is the residual."""
+        self.jacobians += 1
+        return (np.array([[6 * point.vector[0], -3.0], [1.0, 0.0], [0.0, 0.0]]),)
+
+
+class TestBentValley:
+    @pytest.mark.parametrize("start", [(-1.2, 1.0), (-4.0, 16.0), (3.0, 9.0)])
+    def test_is_not_crawled_along(self, start):
+        """The way over the flank takes a few steps; along the floor alone, up to 13 Jacobians and 37 places."""
+        valley = Banana()
+        found = descend(valley, valley.at(np.array(start)), gain=1e-9, iterations=20)
+        np.testing.assert_allclose(found.vector, 1, atol=3e-3)
+        assert valley.jacobians <= 4 and valley.places <= 8
 
 
 class TestCertainty:

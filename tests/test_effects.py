@@ -247,8 +247,9 @@ class TestCausality:
 
     def test_galvo_lag_moves_the_part_towards_plus_y(self):
         change, target = self.signature(switched_on("galvo-lag"))
-        assert (target.y_um[:, None] * change).sum() > 0.5
-        assert abs((target.x_um * change).sum()) < 1e-6
+        moved = (target.y_um[:, None] * change).sum()
+        assert moved > 0.5
+        assert abs((target.x_um * change).sum()) < 1e-4 * moved  # exposure is in single precision
         reversed_lines, _ = self.signature(switched_on("galvo-lag", direction=-1.0))
         np.testing.assert_allclose(reversed_lines, change[::-1], atol=2e-4)
 

@@ -17,6 +17,9 @@ MOST_TRIALS = 8
 TRUSTED = 0.5
 """Share of the promised gain that must come true for a Jacobian to be updated instead of computed anew."""
 
+FLANK = 1.1
+"""Cost, in units of that where a step began, up to which its end counts as the flank of the same valley."""
+
 
 def descend(
     problem: Problem,
@@ -48,8 +51,7 @@ def descend(
     for _ in range(iterations):
         while True:
             if jacobian is None:
-                turn = bending(problem.free, point.vector)
-                jacobian, fresh = [j @ turn for j in problem.jacobian(point)], True
+                jacobian, fresh = _fresh(problem, point), True
             found, kept, damped = _step(
                 problem, point, jacobian, damping, gain=gain, trials=MOST_TRIALS if fresh else 1
             )
@@ -77,20 +79,45 @@ def _step(
         Share of the promised gain that came true.
     damping : float
     """
-    matrix, right = normal_root(jacobian, point)
-    here = straight(problem.free, point.vector)
-    for _ in range(trials):
-        change = bounded_step(problem.free, here, straight_bounds(problem.free, point.vector), matrix, right, damping)
-        vector = bent(problem.free, here + change)
-        promised = right @ right - np.sum((right - matrix @ change) ** 2)
+    for trial_number in range(trials):
+        vector, promised = _proposed(problem.free, point, jacobian, damping)
         if promised < gain * point.cost:
             return None, 0.0, damping
         trial = problem.at(vector, point)
+        if trial.cost >= point.cost:
+            trial = _back(problem, point, trial, jacobian, damping, anew=trials > 1 and trial_number == 0)
         if trial.cost < point.cost:
             kept = (point.cost - trial.cost) / promised
             return trial, kept, damping / 10 if kept > TRUSTED else damping
         damping = max(damping * 10, 1e-4)
     return None, 0.0, damping
+
+
+def _proposed(free: Free, point: Point, jacobian: Sequence[np.ndarray], damping: float) -> tuple[np.ndarray, float]:
+    """Return the place where the linearised problem is lowest, and by how much it is lower there."""
+    matrix, right = normal_root(jacobian, point)
+    here = straight(free, point.vector)
+    change = bounded_step(free, here, straight_bounds(free, point.vector), matrix, right, damping)
+    return bent(free, here + change), right @ right - np.sum((right - matrix @ change) ** 2)
+
+
+def _back(
+    problem: Problem, point: Point, trial: Point, jacobian: Sequence[np.ndarray], damping: float, *, anew: bool
+) -> Point:
+    """Return to the floor of a valley: a long step along one that bends ends on its flank, but nearer to its end.
+
+    Once by the same Jacobian; then, with ``anew``, by one taken there. What is refused here would have to be crawled.
+    """
+    found = problem.at(_proposed(problem.free, trial, jacobian, damping)[0], trial)
+    if anew and point.cost <= found.cost < FLANK * point.cost:
+        found = problem.at(_proposed(problem.free, found, _fresh(problem, found), damping)[0], found)
+    return found
+
+
+def _fresh(problem: Problem, point: Point) -> list[np.ndarray]:
+    """Differentiate by the coordinates of `straight`."""
+    turn = bending(problem.free, point.vector)
+    return [j @ turn for j in problem.jacobian(point)]
 
 
 def normal_root(jacobian: Sequence[np.ndarray], point: Point) -> tuple[np.ndarray, np.ndarray]:

@@ -39,28 +39,26 @@ def fast(problem: Problem, start: Point, *, seed: int = 0, gain: float = GAIN) -
     gain : float
         Share of the cost below which the last descent stops.
     """
-    vectors = _starts(problem, start.vector, seed)
-    points = [start]
+    vector = None
     for factor in _factors(problem):
         coarse = replace(
             problem, recordings=tuple(coarser(r, factor) for r in problem.recordings), work=0.0, watch=None
         )
-        found = [descend(coarse, coarse.at(v), gain=1e-2, iterations=4) for v in vectors]
-        best = min(found, key=lambda point: point.cost)
-        vectors = [descend(coarse, best, gain=1e-3, iterations=8).vector]
+        if vector is None:
+            places = [coarse.at(place) for place in _starts(problem, start.vector, seed)]
+            found = min((descend(coarse, p, gain=1e-2, iterations=4) for p in places), key=lambda place: place.cost)
+            vector = refocused(problem, descend(coarse, found, gain=1e-3, iterations=8).vector, start.vector)
+        else:
+            vector = descend(coarse, coarse.at(vector), gain=1e-3, iterations=8).vector
         problem.work += coarse.work
-        points = [problem.at(vectors[0]), start]
-    best = min(points, key=lambda point: point.cost)
-    other = refocused(problem, best.vector, start.vector)
-    places = [best] if np.array_equal(other, best.vector) else [best, problem.at(other, best)]
-    best = min((descend(problem, place, gain=1e-3, iterations=8) for place in places), key=lambda point: point.cost)
+    best = start if vector is None else min(start, problem.at(vector), key=lambda place: place.cost)
     return descend(problem, best, gain=gain, iterations=40)
 
 
 def refocused(problem: Problem, vector: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return the vector with the focus of the start; the rise of flat tops is kept.
 
-    Coarse pixels do not resolve the focus: what they make of it may lie in another valley.
+    The coarsest pixels do not resolve the focus: what they make of it may lie in another valley.
     """
     focus = [k for k, name in enumerate(problem.free.names) if name.startswith("exposure_fwhm")]
     if np.array_equal(vector[focus], start[focus]):

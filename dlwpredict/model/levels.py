@@ -22,6 +22,10 @@ from dlwpredict.smoothing import BLOCK_PX, COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIG
 LEVEL_STEP_SIGMAS = 0.5
 """Distance of exposure levels in axial standard deviations; the surface then errs by 0.1 nm rms, 3 nm beside walls."""
 
+STEPS_PER_OCTAVE = 4
+"""The nearest step of this ladder is taken, so that the levels mostly stay where they are while the focus is fitted.
+Else they would make the prediction jump by 0.02 nm rms with every change, as much as the last steps of a fit gain."""
+
 DOSE_LAYER_UM, CONVERSION_LAYER_UM = 0.2, 0.5
 """Thickness of the layers of local dose and of local conversion. It must not depend on any parameter: where the outline
 of a layer is hard, moving layers would make the prediction jump by nanometres under a fit."""
@@ -69,7 +73,7 @@ class Levels:
         if reference == "structure_maximum":
             nominal = _Exposure(dose.focus, heights, written.dx_um, written.dy_um)
             threshold = threshold * float(nominal.at(0.0).max())
-        step = LEVEL_STEP_SIGMAS * min(part.sigma_z_um(0.0) for part in dose.focus)
+        step = _level_step_um(dose.focus)
         layers, thresholds = _local(dose, step, self.threads)
         reach = [_reach_px(dose.focus, pitch) for pitch in (written.dy_um, written.dx_um)]
         surface = np.zeros(written.shape)
@@ -130,6 +134,12 @@ def _near(up: np.ndarray) -> slice:
 
 def _reach_px(focus: tuple[Focus, ...], pitch_um: float) -> int:
     return int(np.ceil(max(part.reach_um for part in focus) / pitch_um)) + 1
+
+
+def _level_step_um(focus: tuple[Focus, ...]) -> float:
+    """Return the distance of exposure levels, a power of 2^(1/4)."""
+    width = LEVEL_STEP_SIGMAS * min(part.sigma_z_um(0.0) for part in focus)
+    return float(2 ** (np.round(STEPS_PER_OCTAVE * np.log2(width)) / STEPS_PER_OCTAVE))
 
 
 def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers | None]:
