@@ -181,24 +181,36 @@ def fit(
     vector = free.allowed(np.array(free.start if start is None else start))
     now = _at(problem, data, vector, known.point if known else None)
     now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))
-    damping = 1e-6
+    damping, fresh = 1e-6, True
     for _ in range(iterations):
         vector, promised = _step(now, damping)
-        if promised < GAIN:
-            break
-        trial = _at(problem, now.data, vector, now.point)
-        gained = now.chi2 - trial.chi2
-        if gained <= 0:
+        trial = _lower(problem, now, vector, damping) if promised >= GAIN else None
+        if trial is None and not fresh:
+            now, fresh = replace(now, jacobian=_jacobian(problem, now, None)), True
+        elif trial is None:
             damping = max(100 * damping, 1e-3)
-            if damping > 1e3:
+            if promised < GAIN or damping > 1e3:
                 break
-            continue
-        if secant or gained > TRUSTED * promised:
-            jacobian = _secant(now, trial, trial.point.vector - now.point.vector)
         else:
-            jacobian = _jacobian(problem, trial, None)
-        now, damping = replace(trial, jacobian=jacobian), damping / 10
+            fresh = secant or now.chi2 - trial.chi2 <= TRUSTED * promised
+            if secant or not fresh:
+                jacobian = _secant(now, trial, trial.point.vector - now.point.vector)
+            else:
+                jacobian = _jacobian(problem, trial, None)
+            now, damping = replace(trial, jacobian=jacobian), damping / 10
     return now
+
+
+def _lower(problem: Problem, now: Fit, vector: np.ndarray, damping: float) -> Fit | None:
+    """Return the fit at a place, or one step on from there, None where both are higher than now.
+
+    A long step along a valley that bends ends on its flank: by the same derivatives it is a step to its floor.
+    """
+    trial = _at(problem, now.data, vector, now.point)
+    if trial.chi2 >= now.chi2:
+        onward, _ = _step(replace(trial, jacobian=now.jacobian), damping)
+        trial = _at(problem, trial.data, onward, trial.point)
+    return trial if trial.chi2 < now.chi2 else None
 
 
 def _at(problem: Problem, data: Sequence[Whitened], vector: np.ndarray, known: Point | None) -> Fit:
