@@ -92,6 +92,18 @@ def test_tiles_make_no_difference(target, name, tmp_path):
         np.testing.assert_allclose(printed, whole, rtol=0, atol=TOLERANCE_UM)
 
 
+def test_nor_in_a_part_that_is_small_beside_the_reach_of_cross_linking(tmp_path):
+    """Cross-linking is a thousandth of that of a large block there, and divided by its largest value."""
+    heights = np.zeros((4, 14))
+    heights[:2, 12:], heights[2:, 6:8] = 4.9, 1.0
+    process = ParameterSet(paper=Paper(0.25, 1.0, 0.5, 7.0, 1.0, 0.5, 1.0))
+    target = HeightMap(np.float32(heights), 0.25, 0.125)
+    write_height_map(tmp_path / "target.tif", target)
+    whole = predict(target, process).heights_um
+    found = in_tiles(tmp_path / "target.tif", process, 12, tmp_path / "work")
+    np.testing.assert_allclose(found, whole, rtol=0, atol=TOLERANCE_UM)
+
+
 def test_without_a_halo_they_would(target, tmp_path, monkeypatch):
     whole = predict(read_height_map(target), PROCESSES["paper"]).heights_um
     monkeypatch.setattr(large, "halo_um", lambda process: (0.5, 0.5))

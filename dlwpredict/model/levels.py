@@ -337,9 +337,10 @@ def _running_mean(count: int) -> np.ndarray:
 
 
 def _significant(modes: np.ndarray) -> np.ndarray:
-    """Drop the highest modes that together stay below 1e-6."""
-    tail = np.cumsum(np.abs(modes).max(axis=(1, 2))[::-1])[::-1]
-    return modes[: max(int(np.sum(tail > 1e-6)), 2)]
+    """Drop the highest modes that together stay below 1e-6 of the largest: in a small part all of them are small."""
+    sizes = np.abs(modes).max(axis=(1, 2))
+    tail = np.cumsum(sizes[::-1])[::-1]
+    return modes[: max(int(np.sum(tail > 1e-6 * sizes.max())), 2)]
 
 
 def _largest(modes: np.ndarray) -> float:
