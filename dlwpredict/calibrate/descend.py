@@ -79,8 +79,9 @@ def _step(
         Share of the promised gain that came true.
     damping : float
     """
+    root = normal_root(jacobian, point)
     for trial_number in range(trials):
-        vector, promised = _proposed(problem.free, point, jacobian, damping)
+        vector, promised = _proposed(problem.free, point, root, damping)
         if promised < gain * point.cost:
             return None, 0.0, damping
         trial = problem.at(vector, point)
@@ -93,9 +94,11 @@ def _step(
     return None, 0.0, damping
 
 
-def _proposed(free: Free, point: Point, jacobian: Sequence[np.ndarray], damping: float) -> tuple[np.ndarray, float]:
-    """Return the place where the linearised problem is lowest, and by how much it is lower there."""
-    matrix, right = normal_root(jacobian, point)
+def _proposed(
+    free: Free, point: Point, root: tuple[np.ndarray, np.ndarray], damping: float
+) -> tuple[np.ndarray, float]:
+    """Return where the linearised problem of this `normal_root` is lowest, and by how much it is lower there."""
+    matrix, right = root
     here = straight(free, point.vector)
     change = bounded_step(free, here, straight_bounds(free, point.vector), matrix, right, damping)
     return bent(free, here + change), right @ right - np.sum((right - matrix @ change) ** 2)
@@ -108,9 +111,13 @@ def _back(
 
     Once by the same Jacobian; then, with ``anew``, by one taken there. What is refused here would have to be crawled.
     """
-    found = problem.at(_proposed(problem.free, trial, jacobian, damping)[0], trial)
+
+    def onward(place: Point, derivatives: Sequence[np.ndarray]) -> Point:
+        return problem.at(_proposed(problem.free, place, normal_root(derivatives, place), damping)[0], place)
+
+    found = onward(trial, jacobian)
     if anew and point.cost <= found.cost < FLANK * point.cost:
-        found = problem.at(_proposed(problem.free, found, _fresh(problem, found), damping)[0], found)
+        found = onward(found, _fresh(problem, found))
     return found
 
 

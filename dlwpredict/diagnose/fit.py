@@ -163,6 +163,8 @@ def fit(
 ) -> Fit:
     """Follow the likelihood down with bounded, damped Gauss–Newton steps, in the coordinates of `straight`.
 
+    Where it ends before its steps run out, derivatives taken there promise no more than `GAIN`, or no step keeps it.
+
     Parameters
     ----------
     data : sequence of Whitened
@@ -181,22 +183,20 @@ def fit(
     vector = free.allowed(np.array(free.start if start is None else start))
     now = _at(problem, data, vector, known.point if known else None)
     now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))
-    damping, fresh = 1e-6, True
+    damping, fresh = 1e-6, not secant
     for _ in range(iterations):
         vector, promised = _step(now, damping)
         trial = _lower(problem, now, vector, damping) if promised >= GAIN else None
-        if trial is None and not fresh:
+        if trial is None and not (fresh or secant):
             now, fresh = replace(now, jacobian=_jacobian(problem, now, None)), True
         elif trial is None:
             damping = max(100 * damping, 1e-3)
             if promised < GAIN or damping > 1e3:
                 break
         else:
-            fresh = secant or now.chi2 - trial.chi2 <= TRUSTED * promised
-            if secant or not fresh:
-                jacobian = _secant(now, trial, trial.point.vector - now.point.vector)
-            else:
-                jacobian = _jacobian(problem, trial, None)
+            fresh = not (secant or now.chi2 - trial.chi2 > TRUSTED * promised)
+            moved = trial.point.vector - now.point.vector
+            jacobian = _jacobian(problem, trial, None) if fresh else _secant(now, trial, moved)
             now, damping = replace(trial, jacobian=jacobian), damping / 10
     return now
 
