@@ -120,3 +120,8 @@ class Workers:
 
 ALONE = Workers()
 """Nobody beside this process."""
+
+
+def corners(shape: tuple[int, int], side_px: int) -> list[tuple[int, int]]:
+    """Return the first row and column of every block of a plane that is worked on block by block."""
+    return [(row, col) for row in range(0, shape[0], side_px) for col in range(0, shape[1], side_px)]

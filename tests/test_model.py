@@ -6,8 +6,9 @@ from scipy.special import ndtr, ndtri
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.exposed_surface import _cubic_root
 from dlwpredict.model.layers import Columns, Layers
-from dlwpredict.model.levels import Levels, _cubic_root
+from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
@@ -196,7 +197,7 @@ class TestNumericsAgree:
     def test_levels_do_not_depend_on_tiles(self, monkeypatch):
         part = uneven()
         whole = predict(part, ParameterSet()).heights_um
-        monkeypatch.setattr("dlwpredict.model.levels.TILE_PX", 23)
+        monkeypatch.setattr("dlwpredict.model.exposed_surface.TILE_PX", 23)
         np.testing.assert_allclose(predict(part, ParameterSet()).heights_um, whole, atol=2e-3)
 
 

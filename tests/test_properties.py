@@ -160,7 +160,7 @@ class TestComputing:
     @given(targets(), processes(), st.integers(9, 40))
     def test_tiles_inside_the_levels(self, target, process, side_px):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("dlwpredict.model.levels.TILE_PX", side_px)
+            patch.setattr("dlwpredict.model.exposed_surface.TILE_PX", side_px)
             found = printed(target, process)
         assert_same(found, printed(target, process), target, process, 2 * LEVELS_UM)
 

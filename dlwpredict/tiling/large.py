@@ -17,7 +17,7 @@ from dlwpredict.errors import InputError
 from dlwpredict.files.parameters_yaml import parameters_as_dict
 from dlwpredict.files.provenance import sha256
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.levels import DOSE_LAYER_UM
+from dlwpredict.model.exposed_surface import DOSE_LAYER_UM
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import check_target, room_px
 from dlwpredict.tiling.expose import Canvas, TileJob, expose

@@ -10,7 +10,8 @@ from typing import Any
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.levels import Levels, coarse_factor
+from dlwpredict.model.column_mean import coarse_factor
+from dlwpredict.model.levels import Levels
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import run, steps
 from dlwpredict.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft, optimize
 
-import dlwpredict.model.levels as levels
+import dlwpredict.model.exposed_surface as exposed_surface
 from dlwpredict import designs
 from dlwpredict.calibrate import Problem, prepare
 from dlwpredict.calibrate.fast import fast
@@ -22,7 +22,9 @@ from dlwpredict.calibrate.simplex import EVALUATIONS_PER_PARAMETER, TOLERANCE, s
 from dlwpredict.diagnose.run import diagnose
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.levels import LEVEL_STEP_SIGMAS, Levels
+from dlwpredict.model.column_mean import _chebyshev_levels
+from dlwpredict.model.exposed_surface import LEVEL_STEP_SIGMAS
+from dlwpredict.model.levels import Levels
 from dlwpredict.parallel import Workers, cores
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.precompensate import precompensate
@@ -66,7 +68,7 @@ def error(side_px: str) -> Callable[[], dict]:
 
     def run() -> dict:
         found = predict(target, ParameterSet()).heights_um
-        levels.LEVEL_STEP_SIGMAS = FINE_STEP_SIGMAS
+        exposed_surface.LEVEL_STEP_SIGMAS = FINE_STEP_SIGMAS
         difference = 1e3 * (found - predict(target, ParameterSet()).heights_um)
         return {"rms_nm": np.sqrt(np.mean(difference**2)), "most_nm": np.abs(difference).max()}
 
@@ -80,7 +82,7 @@ def floor(side_px: str) -> Callable[[], dict]:
     lowest = target.heights_um[target.heights_um > 0].min()
     focus, spread = (fwhm / FWHM_PER_SIGMA for fwhm in (paper.exposure_fwhm_z_um, paper.crosslink_fwhm_z_um))
     count = int((top - lowest + 4 * focus) / (LEVEL_STEP_SIGMAS * focus)) + 4
-    count += len(levels._chebyshev_levels(float(top), spread))
+    count += len(_chebyshev_levels(float(top), spread))
     plane = np.random.default_rng(0).random(target.shape)
 
     def run() -> dict:

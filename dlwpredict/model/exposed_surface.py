@@ -1,0 +1,192 @@
+"""The height map of exposed resin: the root of exposure = threshold between a few smooth levels in z."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.layers import Columns, Layers
+from dlwpredict.model.states import Dose, Focus
+from dlwpredict.parallel import corners, each
+from dlwpredict.smoothing import ndtr
+
+LEVEL_STEP_SIGMAS = 0.5
+"""Distance of exposure levels in axial standard deviations; the surface then errs by 0.1 nm rms, 3 nm beside walls."""
+
+STEPS_PER_OCTAVE = 4
+"""The nearest step of this ladder is taken, so that the levels mostly stay where they are while the focus is fitted.
+Else they would make the prediction jump by 0.02 nm rms with every change, as much as the last steps of a fit gain."""
+
+DOSE_LAYER_UM = 0.2
+"""Thickness of the layers of local dose. It must not depend on any parameter: where the outline of a layer is hard,
+moving layers would make the prediction jump by nanometres under a fit."""
+
+ABOVE_SIGMAS = 2.5
+"""Levels end this many axial standard deviations above the part where the local dose can lift its surface."""
+
+LARGEST_FRACTION = 0.95
+"""Largest threshold as a fraction of the local dose at which the logit is still smooth in z."""
+
+TILE_PX = 168
+
+_ROUNDING = 0.01  # of a level: a flat top may lie on one
+_TINY, _BELOW_ONE = 1e-12, float(np.nextafter(np.float32(1), np.float32(0)))
+
+
+def exposed_surface(dose: Dose, threshold: float, reference: str, threads: int) -> HeightMap:
+    """Solve exposure = threshold for the height of every column.
+
+    Per tile: levels z_k that span the tile's heights, E_k = Σ weight · G_xy ⊛ Φ((h − z_k)/s_z), then the root of
+    logit(E/D) − logit(P/D) between levels, by a cubic: logit Φ(t) is a cubic in t to 1e-3. Where the dose differs
+    from layer to layer, Φ becomes the sum over the layers, and D is the largest dose of the column. Single
+    precision: its 1e-7 of the full dose is a ten thousandth of a nanometre.
+    """
+    written = dose.written
+    heights = written.heights_um
+    if reference == "structure_maximum":
+        nominal = _Exposure(dose.focus, heights, written.dx_um, written.dy_um)
+        threshold = threshold * float(nominal.at(0.0).max())
+    step = _level_step_um(dose.focus)
+    layers, thresholds = _local(dose, step, threads)
+    reach = [_reach_px(dose.focus, pitch) for pitch in (written.dy_um, written.dx_um)]
+    surface = np.zeros(written.shape)
+
+    def solve(corner: tuple[int, int]) -> None:
+        inner = tuple(slice(start, start + TILE_PX) for start in corner)
+        outer = tuple(slice(max(start - r, 0), start + TILE_PX + r) for start, r in zip(corner, reach, strict=True))
+        part = heights[outer]
+        if part.any():
+            columns = None if layers is None else Columns(layers[outer], part, from_glass=True)
+            kept = tuple(slice(s.start - o.start, s.stop - o.start) for s, o in zip(inner, outer, strict=True))
+            exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns, kept)
+            local = threshold if thresholds is None else threshold * thresholds[inner].weights
+            surface[inner] = _surface_of_tile(exposure, local, step)
+
+    each(solve, corners(written.shape, TILE_PX), threads)
+    return written.with_heights(surface)
+
+
+def _reach_px(focus: tuple[Focus, ...], pitch_um: float) -> int:
+    return int(np.ceil(max(part.reach_um for part in focus) / pitch_um)) + 1
+
+
+def _level_step_um(focus: tuple[Focus, ...]) -> float:
+    """Return the distance of exposure levels, a power of 2^(1/4)."""
+    width = LEVEL_STEP_SIGMAS * min(part.sigma_z_um(0.0) for part in focus)
+    return float(2 ** (np.round(STEPS_PER_OCTAVE * np.log2(width)) / STEPS_PER_OCTAVE))
+
+
+def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers | None]:
+    """Return the relative dose and the relative threshold on layers, None where they are 1 throughout."""
+    top = float(dose.written.heights_um.max())
+    room = ABOVE_SIGMAS * max(part.sigma_z_um(top) for part in dose.focus) + 3 * step
+    return (
+        Layers.of(dose.relative_dose, top, DOSE_LAYER_UM, threads) if dose.intensity else None,
+        Layers.of(dose.relative_threshold, top + room, DOSE_LAYER_UM, threads).every(step)
+        if dose.threshold_factor or dose.background
+        else None,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Exposure:
+    """The exposure of a height map: 1 inside a large block at nominal dose, 0 where nothing is written.
+
+    Only the part that is kept is returned: beyond it the map need not be complete.
+    """
+
+    focus: tuple[Focus, ...]
+    heights_um: np.ndarray
+    dx_um: float
+    dy_um: float
+    columns: Columns | None = None
+    kept: tuple[slice, slice] = (slice(None), slice(None))
+
+    def at(self, z_um: float) -> np.ndarray:
+        """Return the exposure at one level."""
+
+        def axial(sigma_um: float) -> np.ndarray:
+            if self.columns is not None:
+                return self.columns.convolved(z_um, sigma_um)
+            depth = ((self.heights_um - z_um) / sigma_um).astype(np.float32)
+            return np.where(self.heights_um > 0, ndtr(depth), 0)
+
+        return self._spread(lambda part: axial(part.sigma_z_um(z_um)))
+
+    def highest_dose(self) -> np.ndarray | float:
+        """Return the largest relative dose of each column as the focus sees it: exposure stays below it."""
+        if self.columns is None:
+            return 1.0
+        written = (self.heights_um > 0).astype(float)
+        nominal = np.maximum(self._spread(lambda part: written), _TINY)
+        return np.maximum(self._spread(lambda part: self.columns.highest) / nominal, _TINY)
+
+    def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
+        return sum(part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um)[self.kept] for part in self.focus)
+
+
+def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: float) -> np.ndarray:
+    """Return the exposed height over one tile (rows, cols), from four successive levels around each crossing.
+
+    The threshold is one number, or a stack over the levels j · step, j ≥ 0.
+    """
+    first, last = _levels_around(exposure, threshold, step)
+    shape = exposure.heights_um[exposure.kept].shape
+    dose = np.maximum(exposure.highest_dose(), np.max(threshold) / LARGEST_FRACTION)
+    dose = np.broadcast_to(dose.astype(np.float32), shape)
+    surface = np.zeros(np.prod(shape))
+    around: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for k in range(first, last):
+        wanted = threshold[np.clip(k, 0, len(threshold) - 1)] if np.ndim(threshold) else np.float32(threshold)
+        exposed = exposure.at(k * step)
+        around = [*around[-3:], (exposed, np.broadcast_to(wanted, shape), exposed >= wanted)]
+        if k < first + 3:
+            continue
+        crossing = np.flatnonzero(around[1][2] & ~around[2][2])
+        if len(crossing):
+            top = dose.take(crossing)
+            inside = _cubic_root(*(_margin(e.take(crossing) / top, w.take(crossing) / top) for e, w, _ in around))
+            surface[crossing] = (k - 2 + inside.astype(float)) * step
+    return np.maximum(surface, 0.0).reshape(shape)
+
+
+def _levels_around(exposure: _Exposure, threshold: np.ndarray | float, step: float) -> tuple[int, int]:
+    """Return the range of levels that encloses every crossing.
+
+    Exposure is a mean of Φ((h − z)/s) over the heights h around. At nominal dose, and with no empty point among them,
+    it crosses the threshold where Φ of the lowest and of the highest do, or between. Else only this is known: it is
+    level 4 s_z below the lowest height. All tiles share one grid of levels, with and without effects, so that neither
+    leaves a trace in the result.
+    """
+    heights = exposure.heights_um
+    lowest, highest = float(heights.min()), float(heights.max())
+    widest = max(part.sigma_z_um(z) for part in exposure.focus for z in (0.0, highest))
+    above, below = ABOVE_SIGMAS * widest, 4 * widest
+    if exposure.columns is None:
+        above = max(-special.ndtri(np.min(threshold)) * widest, 0.0)
+        below = below if lowest == 0 else max(special.ndtri(np.max(threshold)) * widest, 0.0)
+    lowest = lowest or float(heights[heights > 0].min())
+    bottom, top = max(lowest - below, 0) / step, (highest + above) / step
+    return int(bottom - _ROUNDING) - 1, int(top + _ROUNDING) + 3
+
+
+def _margin(exposure: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return logit(E) − logit(P), 0 at the surface."""
+    e, p = (np.clip(share, _TINY, _BELOW_ONE) for share in (exposure, wanted))
+    return np.log(e * (1 - p) / (p * (1 - e)))
+
+
+def _cubic_root(before: np.ndarray, left: np.ndarray, right: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return the root in 0 … 1 of the cubic through values at −1, 0, 1, 2, where left ≥ 0 > right."""
+    c = -before / 3 - left / 2 + right - after / 6
+    b = before / 2 - left + right / 2
+    a = -before / 6 + left / 2 - right / 2 + after / 6
+    t = left / (left - right)
+    for _ in range(3):
+        slope = (3 * a * t + 2 * b) * t + c
+        t = np.clip(t - (((a * t + b) * t + c) * t + left) / np.where(slope < 0, slope, right - left), 0, 1)
+    return t
