@@ -90,6 +90,21 @@ class Free:
             vector[high] = max(vector[high], self.base.paper.shrinkage_min)
         return vector
 
+    def cut(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return intervals inside the bounds; that of a phase that passes an end goes on at the other: it is all of it.
+
+        Examples
+        --------
+        >>> free = Free(ParameterSet(), ("threshold",), np.array([0.05]), np.array([0.95]))
+        >>> free.cut(np.array([0.5]), np.array([1.1]))
+        (array([0.5]), array([0.95]))
+        """
+        known = fittable(self.base)
+        beyond = np.array([known[name].cyclic for name in self.names]) & ((low < self.low) | (high > self.high))
+        return np.where(beyond, self.low, np.maximum(low, self.low)), np.where(
+            beyond, self.high, np.minimum(high, self.high)
+        )
+
     def index(self, name: str) -> int | None:
         """Return the place of a parameter in the vector, None if it is fixed."""
         return self.names.index(name) if name in self.names else None

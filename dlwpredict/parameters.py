@@ -26,6 +26,8 @@ class Declaration:
         False for settings that a fit must not touch (a writing direction, a photon order).
     typical : float, optional
         For parameters that switch an effect on: a typical size. The effect is off while all of them keep their default.
+    cyclic : bool
+        Both ends of the range are the same, as those of a phase.
     """
 
     unit: str
@@ -34,6 +36,7 @@ class Declaration:
     meaning: str
     fitted: bool = True
     typical: float | None = None
+    cyclic: bool = False
 
 
 def declare(
@@ -45,9 +48,11 @@ def declare(
     *,
     fitted: bool = True,
     typical: float | None = None,
+    cyclic: bool = False,
 ) -> Any:  # a dataclass field
     """Declare a parameter: default, unit, allowed range and meaning in one place."""
-    return field(default=default, metadata={"declaration": Declaration(unit, low, high, meaning, fitted, typical)})
+    declaration = Declaration(unit, low, high, meaning, fitted, typical, cyclic)
+    return field(default=default, metadata={"declaration": declaration})
 
 
 def declarations(holder: Any) -> dict[str, tuple[float, Declaration]]:

@@ -12,6 +12,7 @@ from dlwpredict.calibrate.loss import Huber
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.profile import _allowed_rise
 from dlwpredict.calibrate.recordings import Recording, coarser, prepare, with_nuisances
+from dlwpredict.effects.z_linearity import ZLinearity
 from dlwpredict.flat import Free, choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise
@@ -109,6 +110,12 @@ class TestCertainty:
         reach = 1.959964 * 0.03 / SIDE
         ((low, high),) = linear_interval(FREE, np.array([0.8]), found)
         assert (low, high) == pytest.approx((0.8 * np.exp(-reach / 0.8), 0.8 * np.exp(reach / 0.8)), rel=1e-6)
+
+    @pytest.mark.parametrize(("phase", "expected"), [(0.5, (0.5 - 1.96, 0.5 + 1.96)), (2.5, (-np.pi, np.pi))])
+    def test_phase_beyond_its_end_goes_on_at_the_other(self, phase, expected):
+        free = choose(ParameterSet(effects=(ZLinearity(periodic_um=0.02),)), free=("z-linearity.phase_rad",))
+        found = Information(np.eye(1), np.array([np.inf]))
+        assert linear_interval(free, np.array([phase]), found)[0] == pytest.approx(expected, abs=1e-4)
 
     def test_few_degrees_of_freedom_reach_further(self):
         assert Information(np.eye(1), np.array([5.0])).quantiles[0] == pytest.approx(2.570582, rel=1e-6)

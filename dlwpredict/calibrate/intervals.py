@@ -157,7 +157,7 @@ def linear_interval(free: Free, vector: np.ndarray, information: Information) ->
         if low > 0 and vector[k] > 0:
             factor = np.exp(min(reach[k] / vector[k], 50.0))
             intervals[k] = vector[k] / factor, vector[k] * factor
-    return np.clip(intervals, free.low[:, None], free.high[:, None])
+    return np.stack(free.cut(*intervals.T), axis=1)
 
 
 def open_directions(free: Free, information: Information) -> list[dict[str, float]]:

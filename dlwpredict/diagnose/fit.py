@@ -114,7 +114,7 @@ class Fit:
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Return the 95 % interval of every free parameter, inside its bounds."""
         half = 1.96 * np.sqrt(np.diag(self.covariance()))
-        low, high = (np.clip(self.point.vector + s * half, self.free.low, self.free.high) for s in (-1, 1))
+        low, high = self.free.cut(self.point.vector - half, self.point.vector + half)
         return {name: (float(a), float(b)) for name, a, b in zip(self.free.names, low, high, strict=True)}
 
 

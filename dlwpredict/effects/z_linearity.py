@@ -49,7 +49,7 @@ class ZLinearity(MapEffect):
     )
     periodic_um: float = declare(0.0, "µm", 0.0, 0.5, "amplitude of the periodic error", typical=0.05)
     period_um: float = declare(3.0, "µm", 0.2, 50, "its period in height")
-    phase_rad: float = declare(0.0, "rad", -np.pi, np.pi, "its phase at height 0")
+    phase_rad: float = declare(0.0, "rad", -np.pi, np.pi, "its phase at height 0", cyclic=True)
 
     def elsewhere(self) -> ZLinearity:
         """Turn the phase from one end of its range to the other."""
