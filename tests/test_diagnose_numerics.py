@@ -8,11 +8,12 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.calibrate.recordings import prepare
-from dlwpredict.diagnose.baseline import discretisation_um, on_own_pixels
+from dlwpredict.diagnose.baseline import discretisation_um
 from dlwpredict.diagnose.candidates import candidates
 from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside
 from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, unwhitened, width_rows
+from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
 from dlwpredict.diagnose.fit import Fit, bare, fit
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch
@@ -436,6 +437,19 @@ def test_the_change_on_finer_pixels_stays_where_it_makes_no_difference():
     again = replace(begun.data[0], discretisation_um=discretisation_um(begun.data[0].recording, begun.parameters))
     settled = fit([again], begun.free, start=begun.point.vector, iterations=0)
     assert on_own_pixels(settled) is settled
+
+
+def test_polished_fit_knows_what_finer_pixels_change():
+    """Held at another width, the change on finer pixels draws the fitted width there, surely; moving along, not."""
+    begun = [finer_pixels_fitted(seed, held_at_um=0.8) for seed in range(5)]
+    found = [polished(one) for one in begun]
+    assert all(b.chi2 < with_own_change(a).chi2 for a, b in zip(begun, found, strict=True))
+    place = found[0].free.index("exposure_fwhm_xy_um")
+    before, after = (
+        [abs(one.point.vector[place] - 0.5) / np.sqrt(one.covariance()[place, place]) for one in fits]
+        for fits in (begun, found)
+    )
+    assert min(before) > 5 and max(after) < 2.5
 
 
 def test_whitening_is_undone(holes):

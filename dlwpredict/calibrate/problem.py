@@ -127,7 +127,7 @@ class Problem:
         return tuple(project(r.columns, c, w) for r, c, w in zip(self.recordings, found, point.weights, strict=True))
 
     def _derivatives(self, point: Point) -> list[np.ndarray]:
-        steps = [self._step(k, point.vector) for k in range(len(point.vector))]
+        steps = [self.step(k, point.vector) for k in range(len(point.vector))]
         jobs, places = [], []
         for k, step in enumerate(steps):
             if step:
@@ -162,7 +162,7 @@ class Problem:
         self.work += sum(t.work * size for t, size in zip(traces, sizes, strict=True)) / self.unit_px
         return traces
 
-    def _step(self, k: int, vector: np.ndarray) -> float:
+    def step(self, k: int, vector: np.ndarray) -> float:
         """Return a step that stays inside the declared range and keeps κ_min ≤ κ_max; 0 if there is none."""
         name = self.free.names[k]
         declared = fittable(self.free.base)[name]

@@ -12,7 +12,7 @@ from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.fast import fast
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
-from dlwpredict.diagnose.fit import Fit, bare, fit, placed
+from dlwpredict.diagnose.fit import bare
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
@@ -24,10 +24,6 @@ from dlwpredict.smoothing import block_mean
 
 GAIN = 1e-3
 """The descent with free shifts ends when the next step promises less than this share of the cost."""
-
-PIXELS_GAIN, PIXELS_ROUNDS = 1.0, 4
-"""The change on finer pixels is taken anew at the fitted process where it differs by this energy in units of the noise,
-and while that brings as much in 2 ln L, at most so often."""
 
 ALIKE = 1e-6
 """Share of the largest energy below which a direction is dropped."""
@@ -140,29 +136,3 @@ def discretisation_um(recording: Recording, parameters: ParameterSet) -> np.ndar
     seen = [effect for effect in parameters.effects if effect.stage == "recording"]
     coarse, finer = (run(seen, target.with_heights(heights)).heights_um for heights in prints)
     return np.nan_to_num(finer - coarse)
-
-
-def on_own_pixels(fitted: Fit, workers: Workers = ALONE) -> Fit:
-    """Return the fit with the change on finer pixels taken where the fit is, not where it began.
-
-    What a finer grid changes hangs on the focus width, and the width on what the grid is held to change: begun far from
-    the truth, one wrong holds the other, with an interval much too narrow. Two places are compared each with the change
-    of its own: with that of another, either may seem the better one.
-    """
-    now = _with_own_change(fitted, workers)
-    differences = (b.discretisation_um - a.discretisation_um for a, b in zip(fitted.data, now.data, strict=True))
-    if sum(np.sum(item.white(d) ** 2) for item, d in zip(now.data, differences, strict=True)) < PIXELS_GAIN:
-        return fitted
-    for _ in range(PIXELS_ROUNDS):
-        fitted = fit(now.data, now.free, start=now.point.vector, known=fitted)
-        then = _with_own_change(fitted, workers)
-        if then.chi2 > now.chi2 - PIXELS_GAIN:
-            break
-        now = then
-    return fitted
-
-
-def _with_own_change(fitted: Fit, workers: Workers) -> Fit:
-    changes = workers.each(discretisation_um, [(item.recording, fitted.parameters) for item in fitted.data])
-    data = [replace(item, discretisation_um=change) for item, change in zip(fitted.data, changes, strict=True)]
-    return placed(data, fitted.free, fitted.point.vector, fitted.point)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -120,22 +121,27 @@ class Fit:
 
 def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, known: Point | None = None) -> Fit:
     """Predict recordings with given parameters; only nuisances are fitted, and there are no derivatives."""
-    return _at(Problem(tuple(bare(item.recording) for item in data), free), data, vector, known)
+    return _at(problem_of(data, free), data, vector, known)
 
 
 def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: Workers = ALONE) -> Fit:
-    """Fit from a start, and from a second one with a likelier focus where the start's is far from the prior.
+    """Fit from a start and from its likelier double, where it has one; return the lower."""
+    found = workers.each(_fit_at, [(data, free, start) for start in doubled(free, vector)])
+    return sharing(min(found, key=lambda one: one.chi2), data)
+
+
+def doubled(free: Free, vector: np.ndarray) -> list[np.ndarray]:
+    """Return a place, and where its focus is far from the prior, its double with a likelier one.
 
     Focus length and threshold act together; a model that lacks an effect has more than one lowest place along their
     valley, and least squares may have ended in the wrong one.
     """
-    place, starts = free.index("exposure_fwhm_z_um"), [vector]
-    if place is not None and abs(np.log(vector[place] / WIDTHS["exposure_fwhm_z_um"])) >= WIDTH_PRIOR:
-        coordinates = straight(free, vector)
-        coordinates[place] = WIDTHS["exposure_fwhm_z_um"]
-        starts.append(bent(free, coordinates))
-    found = workers.each(_fit_at, [(data, free, start) for start in starts])
-    return sharing(min(found, key=lambda one: one.chi2), data)
+    place = free.index("exposure_fwhm_z_um")
+    if place is None or abs(np.log(vector[place] / WIDTHS["exposure_fwhm_z_um"])) < WIDTH_PRIOR:
+        return [vector]
+    coordinates = straight(free, vector)
+    coordinates[place] = WIDTHS["exposure_fwhm_z_um"]
+    return [vector, bent(free, coordinates)]
 
 
 def sharing(found: Fit, data: Sequence[Whitened]) -> Fit:
@@ -179,16 +185,47 @@ def fit(
         Take the derivatives that `known` has from it, and never compute them anew, even where a step does not keep
         its promise. Much cheaper, and enough to rank candidates.
     """
-    problem = Problem(tuple(bare(item.recording) for item in data), free)
+    problem = problem_of(data, free)
     vector = free.allowed(np.array(free.start if start is None else start))
-    now = _at(problem, data, vector, known.point if known else None)
-    now = replace(now, jacobian=_jacobian(problem, now, known if secant else None))
+    now = differentiated(problem, _at(problem, data, vector, known.point if known else None), known if secant else None)
+
+    def place(vector: np.ndarray, near: Fit) -> Fit:
+        return _at(problem, near.data, vector, near.point)
+
+    return descended(now, place, partial(differentiated, problem), iterations=iterations, secant=secant)
+
+
+def problem_of(data: Sequence[Whitened], free: Free) -> Problem:
+    """Return what predicts and differentiates, without nuisances."""
+    return Problem(tuple(bare(item.recording) for item in data), free)
+
+
+def descended(
+    now: Fit,
+    place: Callable[[np.ndarray, Fit], Fit],
+    derive: Callable[[Fit], Fit],
+    *,
+    iterations: int = ITERATIONS,
+    secant: bool = False,
+) -> Fit:
+    """Descend from a fit that has derivatives.
+
+    Parameters
+    ----------
+    now : Fit
+    place : function of (vector, Fit)
+        Returns the fit at a vector, without derivatives, from one near by.
+    derive : function of Fit
+        Returns the fit with derivatives.
+    iterations, secant
+        As in `fit`.
+    """
     damping, fresh = 1e-6, not secant
     for _ in range(iterations):
         vector, promised = _step(now, damping)
-        trial = _lower(problem, now, vector, damping) if promised >= GAIN else None
+        trial = _lower(place, now, vector, damping) if promised >= GAIN else None
         if trial is None and not (fresh or secant):
-            now, fresh = replace(now, jacobian=_jacobian(problem, now, None)), True
+            now, fresh = derive(now), True
         elif trial is None:
             damping = max(100 * damping, 1e-3)
             if promised < GAIN or damping > 1e3:
@@ -196,20 +233,20 @@ def fit(
         else:
             fresh = not (secant or now.chi2 - trial.chi2 > TRUSTED * promised)
             moved = trial.point.vector - now.point.vector
-            jacobian = _jacobian(problem, trial, None) if fresh else _secant(now, trial, moved)
-            now, damping = replace(trial, jacobian=jacobian), damping / 10
+            now = derive(trial) if fresh else replace(trial, jacobian=_secant(now, trial, moved))
+            damping /= 10
     return now
 
 
-def _lower(problem: Problem, now: Fit, vector: np.ndarray, damping: float) -> Fit | None:
+def _lower(place: Callable[[np.ndarray, Fit], Fit], now: Fit, vector: np.ndarray, damping: float) -> Fit | None:
     """Return the fit at a place, or one step on from there, None where both are higher than now.
 
     A long step along a valley that bends ends on its flank: by the same derivatives it is a step to its floor.
     """
-    trial = _at(problem, now.data, vector, now.point)
+    trial = place(vector, now)
     if trial.chi2 >= now.chi2:
         onward, _ = _step(replace(trial, jacobian=now.jacobian), damping)
-        trial = _at(problem, trial.data, onward, trial.point)
+        trial = place(onward, trial)
     return trial if trial.chi2 < now.chi2 else None
 
 
@@ -239,8 +276,8 @@ def _shifted(item: Whitened, shift: np.ndarray) -> Whitened:
     return replace(item, shift_um=tuple(np.clip(np.array(item.shift_um) + shift, -limit, limit)))
 
 
-def _jacobian(problem: Problem, now: Fit, known: Fit | None) -> np.ndarray:
-    """Return whitened derivatives by the free parameters; those that an earlier fit has are taken over."""
+def differentiated(problem: Problem, now: Fit, known: Fit | None = None) -> Fit:
+    """Return the fit with whitened derivatives by its parameters; those that an earlier fit has are taken over."""
     names = problem.free.names
     have = {name: k for k, name in enumerate(known.free.names)} if known else {}
     missing = [k for k, name in enumerate(names) if name not in have]
@@ -250,14 +287,14 @@ def _jacobian(problem: Problem, now: Fit, known: Fit | None) -> np.ndarray:
             jacobian[:, k] = known.jacobian[:, have[name]]
     if missing:
         chosen = [names[k] for k in missing]
-        partial = replace(problem.free, base=problem.free.parameters(now.point.vector), names=tuple(chosen),
-                          low=problem.free.low[missing], high=problem.free.high[missing])  # fmt: skip
-        sub = replace(problem, free=partial, numerics=now.point.traces[0].numerics)
+        part = replace(problem.free, base=problem.free.parameters(now.point.vector), names=tuple(chosen),
+                       low=problem.free.low[missing], high=problem.free.high[missing])  # fmt: skip
+        sub = replace(problem, free=part, numerics=now.point.traces[0].numerics)
         raw = sub.jacobian(replace(now.point, vector=now.point.vector[missing]))
         parts = [item.whitener @ columns for item, columns in zip(now.data, raw, strict=True)]
         jacobian[:, missing] = stack(parts, prior_rows(len(now.data)))
     jacobian[-len(WIDTHS) :] = width_rows(problem.free.parameters(now.point.vector), names)[1]
-    return jacobian
+    return replace(now, jacobian=jacobian)
 
 
 def _beside(now: Fit, values: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlwpredict.diagnose.baseline import on_own_pixels
+from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.refit import effect_of, settled, without
 from dlwpredict.diagnose.select import Search

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, on_own_pixels, without_spikes
+from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, without_spikes
 from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened, steepness
+from dlwpredict.diagnose.finer import lowest, on_own_pixels
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.locate import Place, locate
 from dlwpredict.diagnose.naming import Named, named_in
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
-from dlwpredict.diagnose.refit import freed
+from dlwpredict.diagnose.refit import effect_of, freed
 from dlwpredict.diagnose.ripple import Ripple, ripple
 from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.diagnose.select import Library, Search
@@ -237,24 +238,27 @@ def diagnose(
         if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")
+    named, screened = named_in(search, model), search.screen(baseline)
+    whole = lowest(model, workers)
+    named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
+    baseline = whole if model is baseline else lowest(baseline, workers)
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)
     bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
-    judged = _judged(baseline, beside, null, bumps, Columns.of(noise))
+    extended = judged = _judged(baseline, beside, null, bumps, Columns.of(noise))
     lone = judged.spot if judged.spot.p_value < SINGLE else None
     places, mismatch = locate(baseline, forms, beside, bumps, lone)
-    extended = judged
-    if model is not baseline:
-        extended = _judged(model, Beside.of(model, columns, null), null, bumps, judged.columns)
+    if whole is not baseline:
+        extended = _judged(whole, Beside.of(whole, columns, null), null, bumps, judged.columns)
     return Diagnosis(
         recordings,
         tuple(noise),
         judged,
         extended,
-        tuple(named_in(search, model)),
+        tuple(named),
         library,
-        search.screen(baseline),
+        screened,
         null,
         forms,
         agreement(baseline, null),

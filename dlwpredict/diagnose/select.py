@@ -9,9 +9,9 @@ import numpy as np
 from scipy import stats
 
 from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.baseline import on_own_pixels
 from dlwpredict.diagnose.candidates import Candidate
 from dlwpredict.diagnose.evidence import WIDTHS, Whitened, prior_rows, stack, width_rows
+from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit, sharing
 from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, scouted, settled, without
 from dlwpredict.diagnose.screen import Null, Screen, screen
