@@ -12,11 +12,13 @@ from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.fast import fast
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
+from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.diagnose.fit import bare
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.levels import Levels
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict, run
@@ -42,8 +44,8 @@ def calibrated(recordings: Sequence[Recording], free: Free, seed: int) -> Point:
 def without_spikes(recordings: Sequence[Recording], free: Free, point: Point) -> tuple[tuple[Recording, ...], Point]:
     """Leave out lone points that stand out of the residual; return the recordings and the point compared with them."""
     kept = []
-    for recording, trace in zip(recordings, point.traces, strict=True):
-        residual = np.where(recording.used, recording.measured.heights_um - trace.heights_um, 0.0)
+    for recording, predicted in zip(recordings, point.traces, strict=True):
+        residual = np.where(recording.used, recording.measured.heights_um - predicted.heights_um, 0.0)
         used = recording.used & ~suspected_spikes(residual, recording.used)
         kept.append(bare(replace(recording, used=used)))
     return tuple(kept), Problem(tuple(kept), free).compared(point.vector, point.traces)
@@ -124,15 +126,47 @@ def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
     return maps
 
 
-def discretisation_um(recording: Recording, parameters: ParameterSet) -> np.ndarray:
+def discretisation_um(
+    recording: Recording, parameters: ParameterSet, predicted_um: np.ndarray | None = None
+) -> np.ndarray:
     """Return what the prediction changes on pixels of half the size, µm, shape (rows, cols).
 
-    Two honest discretisations of the same physics differ by this much; it is free in every fit, within its prior. The
-    print has no pixels, the recording has: its effects act on the recording's own.
+    Two honest discretisations of the same physics differ by this much; it is free in every fit, within its prior.
+
+    Parameters
+    ----------
+    recording : Recording
+    parameters : ParameterSet
+    predicted_um : numpy.ndarray, shape (rows, cols), optional
+        The prediction on the recording's own pixels, where it is known.
+    """
+    if predicted_um is None:
+        predicted_um = predict(recording.target, parameters, as_measured=True).heights_um
+    return np.nan_to_num(finer(recording, parameters)[0] - predicted_um)
+
+
+def finer(recording: Recording, parameters: ParameterSet, known: Trace | None = None) -> tuple[np.ndarray, Trace]:
+    """Predict a recording from its print on pixels of half the size.
+
+    The print has no pixels, the recording has: its effects act on the recording's own.
+
+    Parameters
+    ----------
+    recording : Recording
+    parameters : ParameterSet
+    known : Trace, optional
+        An earlier one's print.
+
+    Returns
+    -------
+    numpy.ndarray, shape (rows, cols)
+        What an instrument would show, µm.
+    Trace
+        Of the print.
     """
     target = recording.target
     fine = HeightMap(np.kron(target.heights_um, np.ones((2, 2))), target.dx_um / 2, target.dy_um / 2)
-    prints = predict(target, parameters).heights_um, block_mean(predict(fine, parameters).heights_um, (2, 2))
     seen = [effect for effect in parameters.effects if effect.stage == "recording"]
-    coarse, finer = (run(seen, target.with_heights(heights)).heights_um for heights in prints)
-    return np.nan_to_num(finer - coarse)
+    written = tuple(effect for effect in parameters.effects if effect.stage != "recording")
+    printed = trace(fine, replace(parameters, effects=written), Levels(), known)
+    return run(seen, target.with_heights(block_mean(printed.heights_um, (2, 2)))).heights_um, printed

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from dlwpredict.diagnose.baseline import discretisation_um
-from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack
+from dlwpredict.calibrate.recordings import Recording
+from dlwpredict.diagnose.baseline import discretisation_um, finer
+from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack, unwhitened
 from dlwpredict.diagnose.fit import Fit, descended, differentiated, doubled, placed, problem_of
 from dlwpredict.parallel import ALONE, Workers
+from dlwpredict.parameters import ParameterSet
 
 GAIN = 1.0
 """The change is taken anew at the fitted process where it differs by this energy in units of the noise."""
@@ -19,7 +22,9 @@ PIXELS = list(NUISANCES).index("pixels")
 
 def with_own_change(fitted: Fit, workers: Workers = ALONE) -> Fit:
     """Return the fit, where it is, with the change taken there."""
-    changes = workers.each(discretisation_um, [(item.recording, fitted.parameters) for item in fitted.data])
+    seen = zip(fitted.data, fitted.point.traces, strict=True)
+    jobs = [(item.recording, fitted.parameters, trace.heights_um) for item, trace in seen]
+    changes = workers.each(discretisation_um, jobs)
     data = [replace(item, discretisation_um=change) for item, change in zip(fitted.data, changes, strict=True)]
     return placed(data, fitted.free, fitted.point.vector, fitted.point)
 
@@ -35,7 +40,7 @@ def on_own_pixels(fitted: Fit, workers: Workers = ALONE) -> Fit:
     differences = (b.discretisation_um - a.discretisation_um for a, b in zip(fitted.data, now.data, strict=True))
     if sum(np.sum(item.white(d) ** 2) for item, d in zip(now.data, differences, strict=True)) < GAIN:
         return fitted
-    return differentiated(problem_of(now.data, now.free), polished(now, workers))
+    return differentiated(problem_of(now.data, now.free), _at_rest(now, workers))
 
 
 def lowest(fitted: Fit, workers: Workers = ALONE) -> Fit:
@@ -50,6 +55,11 @@ def polished(fitted: Fit, workers: Workers = ALONE) -> Fit:
     Where pixels are about as wide as the focus, the change hangs on the focus nearly as much as the prediction: held,
     it leaves a fit beside the lowest place, and derivatives without it give intervals up to a third too narrow.
     """
+    return _at_rest(with_own_change(fitted, workers), workers)
+
+
+def _at_rest(now: Fit, workers: Workers) -> Fit:
+    """Descend from a fit that has the change of its place."""
 
     def place(vector: np.ndarray, near: Fit) -> Fit:
         return with_own_change(_moved(near, vector), workers)
@@ -57,7 +67,7 @@ def polished(fitted: Fit, workers: Workers = ALONE) -> Fit:
     def derive(now: Fit) -> Fit:
         return _informed(now, workers)
 
-    return descended(derive(with_own_change(fitted, workers)), place, derive)
+    return descended(derive(now), place, derive)
 
 
 def _moved(fitted: Fit, vector: np.ndarray) -> Fit:
@@ -66,14 +76,23 @@ def _moved(fitted: Fit, vector: np.ndarray) -> Fit:
 
 def _informed(now: Fit, workers: Workers) -> Fit:
     """Return the fit with derivatives of the prediction and of its change on finer pixels."""
-    problem, vector, prints = problem_of(now.data, now.free), now.point.vector, range(len(now.data))
+    problem, vector = problem_of(now.data, now.free), now.point.vector
     sizes = [problem.step(k, vector) for k in range(len(vector))]
     moved = [now.free.parameters(place) for place in vector + np.diag(sizes)]
-    changes = workers.each(discretisation_um, [(item.recording, one) for one in moved for item in now.data])
-    parts = []
-    for k, item, share in zip(prints, now.data, now.coefficients[:, PIXELS], strict=True):
-        own = changes[k :: len(prints)]
-        risen = [(a - item.discretisation_um) / (size or 1) for a, size in zip(own, sizes, strict=True)]
-        parts.append(share * item.white(np.stack(risen)))
+    risen = workers.each(_risen, [(item.recording, now.parameters, moved, sizes) for item in now.data])
     found = differentiated(problem, now)
-    return replace(found, jacobian=found.jacobian + stack(parts, prior_rows(len(prints))))
+    own, shares = unwhitened(now.data, found.jacobian), now.coefficients[:, PIXELS]
+    parts = [
+        share * (item.whitener @ np.nan_to_num(fine - coarse))
+        for item, share, fine, coarse in zip(now.data, shares, risen, own, strict=True)
+    ]
+    return replace(found, jacobian=found.jacobian + stack(parts, prior_rows(len(now.data))))
+
+
+def _risen(
+    recording: Recording, parameters: ParameterSet, moved: Sequence[ParameterSet], sizes: Sequence[float]
+) -> np.ndarray:
+    """Return derivatives of the prediction on finer pixels, shape (points, parameters)."""
+    here, known = finer(recording, parameters)
+    rises = [(finer(recording, one, known)[0] - here) / (size or 1) for one, size in zip(moved, sizes, strict=True)]
+    return np.stack(rises)[:, recording.used].T
