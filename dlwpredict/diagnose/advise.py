@@ -13,7 +13,7 @@ from functools import cache
 from itertools import groupby, permutations
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 from dlwpredict.calibrate.problem import STEP_OF_RANGE, STEP_OF_VALUE
 from dlwpredict.calibrate.recordings import WALL_PX, prepare
@@ -164,7 +164,7 @@ def _left(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0]
 
 
-def triangle_of(columns: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
+def triangle_of(columns: np.ndarray, nuisances: np.ndarray | sparse.csr_array) -> np.ndarray:
     """Return columns beside orthonormal nuisances as a triangle with the same scalar products."""
     return np.linalg.qr(columns - nuisances @ (nuisances.T @ columns), mode="r")
 

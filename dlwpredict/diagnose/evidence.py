@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.heightmap import HeightMap
@@ -175,7 +175,7 @@ def unwhitened(data: Sequence[Whitened], columns: np.ndarray) -> list[np.ndarray
 
 def nuisance_fit(
     columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray], known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, sparse.csr_array]:
     """Fit every recording's own nuisances, priors included.
 
     Parameters
@@ -192,8 +192,9 @@ def nuisance_fit(
         What is to be added.
     residual : numpy.ndarray, shape (all points + priors,)
         Before the fit.
-    basis : numpy.ndarray, shape (all points + priors, columns)
-        Orthonormal; rows of the priors stand below those of the data, as in `stack`.
+    basis : scipy.sparse.csr_array, shape (all points + priors, columns)
+        Orthonormal, each recording's in columns of its own; rows of the priors stand below those of the data, as in
+        `stack`.
     """
     widths = np.array(list(NUISANCES.values()))
     bounded = np.flatnonzero(np.isfinite(widths))
@@ -212,14 +213,21 @@ def nuisance_fit(
         bases.append(block @ turn)
         found.append(turn @ (bases[-1].T @ target) / scale)
     residual = np.concatenate([*residuals, *goals, np.zeros(len(WIDTHS))])
-    basis = np.zeros((len(residual), sum(b.shape[1] for b in bases)))
-    row, below, left = 0, sum(map(len, residuals)), 0
-    for block, own in zip(bases, residuals, strict=True):
-        columns, priors = slice(left, left + block.shape[1]), len(block) - len(own)
-        basis[row : row + len(own), columns] = block[: len(own)]
-        basis[below : below + priors, columns] = block[len(own) :]
-        row, below, left = row + len(own), below + priors, columns.stop
-    return np.array(found), residual, basis
+    above = [block[: len(own)] for block, own in zip(bases, residuals, strict=True)]
+    below = [block[len(own) :] for block, own in zip(bases, residuals, strict=True)]
+    return np.array(found), residual, _side_by_side(above, below, len(residual))
+
+
+def _side_by_side(above: Sequence[np.ndarray], below: Sequence[np.ndarray], rows: int) -> sparse.csr_array:
+    """Return a matrix of blocks, each in columns of its own: the parts above first, then those below, then zeros."""
+    ends = np.cumsum([block.shape[1] for block in above])
+    places = [np.arange(end - block.shape[1], end, dtype=np.int32) for block, end in zip(above, ends, strict=True)]
+    blocks = list(zip([*above, *below], [*places, *places], strict=True))
+    values = np.concatenate([block.ravel() for block, _ in blocks])
+    columns = np.concatenate([np.tile(place, len(block)) for block, place in blocks])
+    counts = np.concatenate([np.full(len(block), len(place), dtype=np.int32) for block, place in blocks])
+    starts = np.concatenate([[0], np.cumsum(counts), np.full(rows - len(counts), counts.sum())])
+    return sparse.csr_array((values, columns, starts), shape=(rows, ends[-1]))
 
 
 def prior_rows(recordings: int) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy import sparse
 from scipy.optimize import lsq_linear
 
 from dlwpredict.calibrate.problem import Point, Problem
@@ -57,7 +58,7 @@ class Fit:
         Whitened derivatives of the predictions, rows of all recordings and of the priors.
     residual : numpy.ndarray, shape (rows,)
         Whitened residual beside the nuisances.
-    nuisances : numpy.ndarray, shape (rows, nuisances)
+    nuisances : scipy.sparse.csr_array, shape (rows, nuisances)
         Orthonormal basis of the whitened nuisances.
     coefficients : numpy.ndarray, shape (recordings, nuisances)
         What the nuisances came out as.
@@ -68,7 +69,7 @@ class Fit:
     point: Point
     jacobian: np.ndarray
     residual: np.ndarray
-    nuisances: np.ndarray
+    nuisances: sparse.csr_array
     coefficients: np.ndarray
 
     @property
@@ -87,7 +88,7 @@ class Fit:
         beside = self.jacobian - self.nuisances @ (self.nuisances.T @ self.jacobian)
         scale = np.linalg.norm(beside, axis=0)
         left, sizes, _ = np.linalg.svd(beside / np.where(scale > 0, scale, 1), full_matrices=False)
-        return np.column_stack([self.nuisances, left[:, sizes > 1e-6]])
+        return np.column_stack([self.nuisances.toarray(), left[:, sizes > 1e-6]])
 
     def predicted_um(self, k: int) -> np.ndarray:
         """Return the prediction of recording k with its nuisances, as the instrument would show it."""

@@ -107,7 +107,7 @@ def _scored(
     fitted: Fit, train: np.ndarray, test: np.ndarray, k: int, *, own_nuisances: bool
 ) -> tuple[float, float, int]:
     """Fit on some rows and score on others of recording k: χ², µm² and points."""
-    columns = np.column_stack([fitted.jacobian, fitted.nuisances])
+    columns = np.column_stack([fitted.jacobian, fitted.nuisances.toarray()])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
     matrix = columns / scale
     values, vectors = np.linalg.eigh(matrix[train].T @ matrix[train])
@@ -117,7 +117,7 @@ def _scored(
     if own_nuisances:
         own = fitted.nuisances
         left = np.where(test, fitted.residual - moved, 0.0)
-        size = own[test].T @ own[test]
+        size = (own[test].T @ own[test]).toarray()
         moved = moved + own @ np.linalg.lstsq(size, own.T @ left, rcond=1e-6)[0] * test
     first = sum(item.recording.points for item in fitted.data[:k])
     item = fitted.data[k]
