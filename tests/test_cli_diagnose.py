@@ -9,6 +9,10 @@ from typer.testing import CliRunner
 from dlwpredict import designs
 from dlwpredict.cli.app import app
 from dlwpredict.cli.diagnose import cautions
+from dlwpredict.diagnose.columns import Columns
+from dlwpredict.diagnose.ripple import Ripple
+from dlwpredict.diagnose.spots import Spot
+from dlwpredict.diagnose.words import remainder
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
@@ -202,3 +206,24 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     (said,) = cautions(found, {"verdict": "identified", "remainder": rest})
     assert "left 0.0123 µm beyond noise" in said
     assert cautions(found, {"verdict": "none", "remainder": {"significant": False, "rms_um": None}}) == []
+
+
+@pytest.mark.parametrize(
+    ("wave", "spot", "lines", "said"),
+    [
+        (1e-3, 1e-99, 0.5, "A spot about 2.0 µm wide sits at x = 3.6, y = -3.2 µm in dust.tif"),
+        (1e-15, 1e-3, 0.5, "A ripple of period 4.6 µm runs at 18° to x in waves.tif"),
+        (1e-3, 1e-3, 1e-4, "Lines along y differ by 7.0 nm from one another in lines.tif"),
+        (0.0, 0.0, 0.5, "A spot about"),  # both surer than numbers can say: the one with more energy
+        (0.5, 0.5, 0.5, "9.0 nm of structure have no name"),
+    ],
+)
+def test_the_strangest_pattern_describes_what_is_left(wave, spot, lines, said):
+    patterns = (
+        Ripple(pair=0, period_um=4.6, angle_deg=18, excess=30, p_value=wave),
+        Spot(pair=1, x_um=3.6, y_um=-3.2, fwhm_um=2, excess=400, p_value=spot),
+        Columns(pair=2, size_um=0.007, excess=20, p_value=lines),
+    )
+    model = SimpleNamespace(unexplained=True, patterns=patterns, structure_um=0.009)
+    recordings = [SimpleNamespace(name=name) for name in ("waves.tif", "dust.tif", "lines.tif")]
+    assert remainder(SimpleNamespace(extended=model, recordings=recordings, named=())).startswith(said)

@@ -58,23 +58,23 @@ def remainder(found: Diagnosis) -> str:
     """Return what is left, in words."""
     if not found.extended.unexplained:
         return "What is left looks like noise."
-    wave = found.extended.ripple
-    if wave.p_value < SINGLE:
+    wave, lone, columns = found.extended.patterns
+    strangest = min(found.extended.patterns, key=lambda one: (one.p_value, -one.excess))
+    if strangest.p_value < SINGLE:
+        name = found.recordings[strangest.pair].name
+        if strangest is wave:
+            return (
+                f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in {name}; "
+                "no named effect makes one."
+            )
+        if strangest is lone:
+            return (
+                f"A spot about {lone.fwhm_um:.1f} µm wide sits at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm in "
+                f"{name}: look there; no named effect makes one."
+            )
         return (
-            f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in "
-            f"{found.recordings[wave.pair].name}; no named effect makes one."
-        )
-    lone = found.extended.spot
-    if lone.p_value < SINGLE:
-        return (
-            f"A spot about {lone.fwhm_um:.1f} µm wide sits at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm in "
-            f"{found.recordings[lone.pair].name}: look there; no named effect makes one."
-        )
-    columns = found.extended.columns
-    if columns.p_value < SINGLE:
-        return (
-            f"Lines along y differ by {1e3 * columns.size_um:.1f} nm from one another in "
-            f"{found.recordings[columns.pair].name}: of the print, or of a scan along y: repeats tell."
+            f"Lines along y differ by {1e3 * columns.size_um:.1f} nm from one another in {name}: of the print, or of a "
+            "scan along y: repeats tell."
         )
     share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
     return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."
