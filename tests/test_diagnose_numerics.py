@@ -14,11 +14,12 @@ from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside
 from dlwpredict.diagnose.evidence import NUISANCES, WIDTHS, Whitened, bending, gradient, shifted, unwhitened, width_rows
 from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
-from dlwpredict.diagnose.fit import Fit, bare, fit
+from dlwpredict.diagnose.fit import Fit, bare, fit, problem_of
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch
 from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.noise_uneven import Unevenness
+from dlwpredict.diagnose.refit import TO_REST
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.screen import Null, Screen, beside, p_of_largest, screen
 from dlwpredict.diagnose.spots import Bumps, spot
@@ -170,6 +171,28 @@ def test_fit_in_whitened_space_recovers_parameters_and_shift():
     assert found.chi2 / len(found.residual) == pytest.approx(1, abs=0.1)
 
 
+def test_derivatives_are_those_of_what_registration_shows():
+    """Of a print that lies displaced, turned and stretched: that by the focus's width is a tenth off without it."""
+    target = designs.air(size_um=24, pitch_um=0.4, margin_um=2, seed=3)
+    x, y = np.meshgrid(target.x_um, target.y_um)
+    free, noise = choose(ParameterSet()), Noise(0.002, 0.004, 1.0, 0.4, 0.4)
+    heights = predict(target, ParameterSet()).heights_um
+    right, up = gradient(heights, 0.4, 1), -gradient(heights, 0.4, 0)
+    seen = heights - right * (0.15 - 2e-3 * y + 3e-3 * x) - up * (-0.1 + 2e-3 * x)
+    item = Whitened.of(bare(prepare(target, target.with_heights(seen))), Uneven(noise), np.zeros(target.shape))
+    found = fit([item], free, iterations=0)
+    problem = problem_of(found.data, free)
+    for k in range(len(free.names)):
+        step = problem.step(k, found.point.vector) * np.eye(len(free.names))[k]
+        point = problem.at(found.point.vector + step)
+        changed = replace(found, point=point, free=free).predicted_um(0) - found.predicted_um(0)
+        expected = item.white(changed) / step[k]
+        np.testing.assert_allclose(found.jacobian[: len(expected), k], expected, atol=1e-6 * np.abs(expected).max())
+        alone = item.white(point.traces[0].heights_um - found.point.traces[0].heights_um) / step[k]
+        if free.names[k] == "exposure_fwhm_xy_um":
+            assert np.linalg.norm(alone - expected) > 0.1 * np.linalg.norm(expected)
+
+
 @pytest.mark.parametrize(
     ("seed", "name", "weak", "strong"),
     [
@@ -188,7 +211,7 @@ def test_fit_comes_to_rest_where_one_from_the_truth_does(seed, name, weak, stron
     noise = Noise(0.002, 0.004, 1.0, 0.5, 0.5)
     recording = target.with_heights(predict(target, truth).heights_um + noise.simulate(target.shape, rng))
     data = [Whitened.of(bare(prepare(target, recording)), Uneven(noise), np.zeros(target.shape))]
-    found, best = (fit(data, choose(start), iterations=16) for start in (ParameterSet(effects=(begun,)), truth))
+    found, best = (fit(data, choose(start), iterations=TO_REST) for start in (ParameterSet(effects=(begun,)), truth))
     assert found.chi2 == pytest.approx(best.chi2, abs=1)
 
 

@@ -69,7 +69,7 @@ class Problem:
     watch : function of Point, optional
         Called with every new point.
     known : list
-        The last two sets of predictions at which derivatives were taken, each with these.
+        The last two sets of predictions at which derivatives were taken, each with these, as maps.
     """
 
     recordings: tuple[Recording, ...]
@@ -120,13 +120,18 @@ class Problem:
         tuple of numpy.ndarray, shape (points, parameters)
             One per recording; the nuisance columns are projected out with the point's weights.
         """
-        found = next((columns for traces, columns in self.known if traces is point.traces), None)
-        if found is None:
-            found = self._derivatives(point)
-            self.known = [(point.traces, found), *self.known[:1]]
-        return tuple(project(r.columns, c, w) for r, c, w in zip(self.recordings, found, point.weights, strict=True))
+        found = zip(self.recordings, self.derivatives(point), point.weights, strict=True)
+        return tuple(project(r.columns, maps[:, r.used].T, weights) for r, maps, weights in found)
 
-    def _derivatives(self, point: Point) -> list[np.ndarray]:
+    def derivatives(self, point: Point) -> list[np.ndarray]:
+        """Return what `jacobian` is made of: for every recording maps of shape (parameters, rows, cols)."""
+        found = next((maps for traces, maps in self.known if traces is point.traces), None)
+        if found is None:
+            found = self._differences(point)
+            self.known = [(point.traces, found), *self.known[:1]]
+        return found
+
+    def _differences(self, point: Point) -> list[np.ndarray]:
         steps = [self.step(k, point.vector) for k in range(len(point.vector))]
         jobs, places = [], []
         for k, step in enumerate(steps):
@@ -134,11 +139,10 @@ class Problem:
                 moved = self.free.parameters(point.vector + step * np.eye(len(steps))[k])
                 jobs += [(i, moved, old) for i, old in enumerate(point.traces)]
                 places += [(i, k) for i in range(len(point.traces))]
-        columns = [np.zeros((r.points, len(steps))) for r in self.recordings]
+        maps = [np.zeros((len(steps), *r.target.shape)) for r in self.recordings]
         for (i, k), new in zip(places, self._traces(jobs), strict=True):
-            change = new.heights_um - point.traces[i].heights_um
-            columns[i][:, k] = change[self.recordings[i].used] / steps[k]
-        return columns
+            maps[i][k] = (new.heights_um - point.traces[i].heights_um) / steps[k]
+        return maps
 
     def with_loss_scaled(self, point: Point, *, robust: bool) -> Problem:
         """Return the problem with the scale of the robust loss taken from this point's residuals."""

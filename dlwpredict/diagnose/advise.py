@@ -172,9 +172,9 @@ def triangle_of(columns: np.ndarray, nuisances: np.ndarray | sparse.csr_array) -
 def present_columns(fitted: Fit, members: Sequence[Effect]) -> np.ndarray:
     """Return whitened derivatives and signatures on the present recordings, shape (rows, free + members)."""
     parameters, white = fitted.parameters, []
-    for item, known in zip(fitted.data, fitted.point.traces, strict=True):
+    for k, (item, known) in enumerate(zip(fitted.data, fitted.point.traces, strict=True)):
         changed = [trace(item.recording.target, _with(parameters, m), known.numerics, known) for m in members]
-        white.append(item.white(np.nan_to_num([new.heights_um - known.heights_um for new in changed])))
+        white.append(fitted.seen(k, np.nan_to_num([new.heights_um - known.heights_um for new in changed])))
     return np.column_stack([fitted.jacobian, stack(white, prior_rows(len(fitted.data)))])
 
 

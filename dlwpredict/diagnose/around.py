@@ -55,14 +55,13 @@ class Around:
         chosen = candidates(parameters)
         changes = signatures(chosen, recordings, parameters, point.traces, workers)
         fine = workers.each(discretisation_um, [(recording, parameters) for recording in recordings])
-        derivatives = problem.jacobian(point)
+        derivatives = problem.derivatives(point)
         designs = []
         for k, recording in enumerate(recordings):
             grid, predicted = recording.target, point.traces[k].heights_um
             shifts = gradient(predicted, grid.dx_um, 1), gradient(predicted, grid.dy_um, 0)
-            own = recording.on_map(derivatives[k].T)
             named = np.stack([maps[k] for maps in changes])
-            designs.append(np.concatenate([smooth_forms(grid), own, np.stack([*shifts, fine[k]]), named]))
+            designs.append(np.concatenate([smooth_forms(grid), derivatives[k], np.stack([*shifts, fine[k]]), named]))
         slopes = [steepness(t.heights_um, r.target) for t, r in zip(point.traces, recordings, strict=True)]
         return cls(tuple(recordings), free, point, chosen, changes, fine, designs, slopes)
 

@@ -15,6 +15,12 @@ from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.freeform import free_forms
 from dlwpredict.diagnose.screen import Null
 
+LEVEL = 0.025
+"""Probability that noise alone is called structure; the naming of effects takes as much again."""
+
+SINGLE = LEVEL / 4
+"""The same for each of the four ways of looking for it: free forms, a ripple, a spot, columns."""
+
 SMALLEST = 1e-3
 """Directions shorter than this share of their columns' length are dropped: what the fit explains anyway."""
 

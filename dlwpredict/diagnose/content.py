@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from dlwpredict.diagnose import words
+from dlwpredict.diagnose.competitor import LEVEL
 from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.naming import Named, strengths
-from dlwpredict.diagnose.run import LEVEL, Diagnosis, Model
+from dlwpredict.diagnose.run import Diagnosis, Model
 from dlwpredict.diagnose.screen import POWER, Screen
 from dlwpredict.diagnose.select import Library
 from dlwpredict.effects import library as every_effect

@@ -57,6 +57,9 @@ NUISANCES = {
 }
 """Nuisances of a recording and the standard deviations of their priors."""
 
+LATERAL = slice(list(NUISANCES).index("shift_x"), list(NUISANCES).index("shear") + 1)
+"""Those that displace what is seen."""
+
 
 def gradient(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     """Return the derivative along an axis of the array by the central difference of fourth order.
@@ -82,20 +85,33 @@ def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
 def shifted(
     heights_um: np.ndarray, grid: HeightMap, shift_um: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a map moved by a small (x, y), y upwards, to second order, and its slopes along x and y.
+    """Return maps (..., rows, cols) moved by a small (x, y), y upwards, to second order, and their slopes.
 
-    f − x·f_x − y·f_y + (x²·f_xx + 2xy·f_xy + y²·f_yy)/2; the slopes are minus its exact derivatives by x and y.
-    Differences of the moved map would not be: where features are few pixels wide, registration by them does not
-    come to rest.
+    f − x·f_x − y·f_y + (x²·f_xx + 2xy·f_xy + y²·f_yy)/2; the slopes, along x and y, are minus its exact derivatives by
+    x and y. Differences of the moved map would not be: where features are few pixels wide, registration by them does
+    not come to rest.
     """
     x, y = shift_um
-    right, up = gradient(heights_um, grid.dx_um, 1), -gradient(heights_um, grid.dy_um, 0)
+    right, up = gradient(heights_um, grid.dx_um, -1), -gradient(heights_um, grid.dy_um, -2)
     if x == 0 and y == 0:
         return heights_um, right, up
-    mixed = gradient(up, grid.dx_um, 1)
-    slope_x = right - x * bending(heights_um, grid.dx_um, 1) - y * mixed
-    slope_y = up - y * bending(heights_um, grid.dy_um, 0) - x * mixed
+    mixed = gradient(up, grid.dx_um, -1)
+    slope_x = right - x * bending(heights_um, grid.dx_um, -1) - y * mixed
+    slope_y = up - y * bending(heights_um, grid.dy_um, -2) - x * mixed
     return heights_um - (x * (right + slope_x) + y * (up + slope_y)) / 2, slope_x, slope_y
+
+
+def displacements(grid: HeightMap) -> np.ndarray:
+    """Return the fields u of the lateral nuisances: (1, 0), (0, 1), (−y, x), (x, 0), (0, y), (y, 0).
+
+    Returns
+    -------
+    numpy.ndarray, shape (lateral nuisances, 2, rows, cols)
+        Along x and y.
+    """
+    x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
+    one, no = np.ones(grid.shape), np.zeros(grid.shape)
+    return np.array([(one, no), (no, one), (-y, x), (x, no), (no, y), (y, no)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +164,25 @@ class Whitened:
     def nuisance_maps(self, predicted_um: np.ndarray) -> np.ndarray:
         """Return the nuisance columns as maps (nuisance, rows, cols), in the order of `NUISANCES`.
 
-        The lateral ones are −∇f·u for the displacements u = (1, 0), (0, 1), (−y, x), (x, 0), (0, y), (y, 0).
+        The lateral ones are −∇f·u for their displacements u.
         """
         grid = self.recording.target
         _, right, up = shifted(predicted_um, grid, self.shift_um)
         x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
         half_x, half_y = (size / 2 for size in grid.size_um)
-        return np.stack([
-            np.ones(grid.shape), x / half_x, y / half_y, -right, -up, y * right - x * up,
-            -x * right, -y * up, -y * right, self.discretisation_um,
-        ])  # fmt: skip
+        lateral = [-across * right - upwards * up for across, upwards in displacements(grid)]
+        return np.stack([np.ones(grid.shape), x / half_x, y / half_y, *lateral, self.discretisation_um])
+
+    def registered(self, changes_um: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Return changes of the prediction (..., rows, cols) where registration has put what they change.
+
+        f − ∇f·u of the shift found and of the lateral nuisances with their coefficients: linear in f, so that this is
+        exactly the change of the prediction with its nuisances, as long as they keep their coefficients.
+        """
+        grid = self.recording.target
+        moved, right, up = shifted(changes_um, grid, self.shift_um)
+        across, upwards = np.tensordot(coefficients[LATERAL], displacements(grid), axes=1)
+        return moved - across * right - upwards * up
 
 
 def stack(parts: Sequence[np.ndarray], priors: int = 0) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.diagnose.baseline import discretisation_um, finer
-from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack, unwhitened
+from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack
 from dlwpredict.diagnose.fit import Fit, descended, differentiated, doubled, placed, problem_of
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
@@ -80,10 +80,9 @@ def _informed(now: Fit, workers: Workers) -> Fit:
     sizes = [problem.step(k, vector) for k in range(len(vector))]
     moved = [now.free.parameters(place) for place in vector + np.diag(sizes)]
     risen = workers.each(_risen, [(item.recording, now.parameters, moved, sizes) for item in now.data])
-    found = differentiated(problem, now)
-    own, shares = unwhitened(now.data, found.jacobian), now.coefficients[:, PIXELS]
+    found, own, shares = differentiated(problem, now), problem.derivatives(now.point), now.coefficients[:, PIXELS]
     parts = [
-        share * (item.whitener @ np.nan_to_num(fine - coarse))
+        share * item.white(np.nan_to_num(fine - coarse))
         for item, share, fine, coarse in zip(now.data, shares, risen, own, strict=True)
     ]
     return replace(found, jacobian=found.jacobian + stack(parts, prior_rows(len(now.data))))
@@ -92,7 +91,7 @@ def _informed(now: Fit, workers: Workers) -> Fit:
 def _risen(
     recording: Recording, parameters: ParameterSet, moved: Sequence[ParameterSet], sizes: Sequence[float]
 ) -> np.ndarray:
-    """Return derivatives of the prediction on finer pixels, shape (points, parameters)."""
+    """Return derivatives of the prediction on finer pixels, shape (parameters, rows, cols)."""
     here, known = finer(recording, parameters)
     rises = [(finer(recording, one, known)[0] - here) / (size or 1) for one, size in zip(moved, sizes, strict=True)]
-    return np.stack(rises)[:, recording.used].T
+    return np.stack(rises)

@@ -95,6 +95,10 @@ class Fit:
         item, predicted = self.data[k], self.point.traces[k].heights_um
         return item.moved(predicted) + np.tensordot(self.coefficients[k], item.nuisance_maps(predicted), axes=1)
 
+    def seen(self, k: int, changes_um: np.ndarray) -> np.ndarray:
+        """Whiten changes of the prediction of recording k (..., rows, cols) where registration has put it."""
+        return self.data[k].white(self.data[k].registered(changes_um, self.coefficients[k]))
+
     def residual_um(self, k: int) -> np.ndarray:
         """Return recording − prediction with nuisances, NaN where a point does not count, shape (rows, cols)."""
         recording = self.data[k].recording
@@ -287,15 +291,20 @@ def differentiated(problem: Problem, now: Fit, known: Fit | None = None) -> Fit:
         if name in have:
             jacobian[:, k] = known.jacobian[:, have[name]]
     if missing:
-        chosen = [names[k] for k in missing]
-        part = replace(problem.free, base=problem.free.parameters(now.point.vector), names=tuple(chosen),
-                       low=problem.free.low[missing], high=problem.free.high[missing])  # fmt: skip
-        sub = replace(problem, free=part, numerics=now.point.traces[0].numerics)
-        raw = sub.jacobian(replace(now.point, vector=now.point.vector[missing]))
-        parts = [item.whitener @ columns for item, columns in zip(now.data, raw, strict=True)]
+        parts = [now.seen(k, maps) for k, maps in enumerate(_derivatives(problem, now, missing))]
         jacobian[:, missing] = stack(parts, prior_rows(len(now.data)))
     jacobian[-len(WIDTHS) :] = width_rows(problem.free.parameters(now.point.vector), names)[1]
     return replace(now, jacobian=jacobian)
+
+
+def _derivatives(problem: Problem, now: Fit, chosen: Sequence[int]) -> list[np.ndarray]:
+    """Return derivatives of every recording's prediction by some of the parameters: maps (chosen, rows, cols)."""
+    free = problem.free
+    if len(chosen) == len(free.names):
+        return problem.derivatives(now.point)
+    names = tuple(free.names[k] for k in chosen)
+    part = replace(free, base=now.parameters, names=names, low=free.low[chosen], high=free.high[chosen])
+    return replace(problem, free=part).derivatives(replace(now.point, vector=now.point.vector[chosen]))
 
 
 def _beside(now: Fit, values: np.ndarray) -> np.ndarray:

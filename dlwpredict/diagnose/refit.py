@@ -12,6 +12,9 @@ from dlwpredict.effects.base import Effect
 from dlwpredict.flat import Free, choose
 from dlwpredict.parameters import ParameterSet, declarations
 
+TO_REST = 4 * ITERATIONS
+"""Steps of a refit that is brought to rest, at most: few need so many, along valleys that bend."""
+
 SCOUT = 2
 """Steps of a refit that only looks whether an effect deserves a whole one."""
 
@@ -28,16 +31,14 @@ def refit(model: Fit, candidate: Candidate, share: float, iterations: int = ITER
     return _beyond(found, secant=True) if iterations == ITERATIONS else found
 
 
-def kept_promise(model: Fit, candidate: Candidate, share: float, bar: float) -> Fit:
-    """Refit one more effect until −2 ln L is below the bar: quickly, then with care, then from far away as well.
+def kept_promise(model: Fit, candidate: Candidate, share: float, quick: Fit, bar: float) -> Fit:
+    """Bring −2 ln L of a quick refit below the bar: with care, then from far away as well.
 
     The score is that of a small strength. What calibration takes nearly whole can be much stronger than it says, with
     the focus and the threshold far from where the model has them.
     """
-    found = refit(model, candidate, share)
-    if found.chi2 > bar:
-        found = settled(found)
-    if found.chi2 > bar:
+    found = settled(quick)
+    if found.chi2 > bar and abs(share) < FARTHEST:
         far = settled(refit(model, candidate, FARTHEST * float(np.sign(share))))
         found = min(found, far, key=lambda one: one.chi2)
     return found
@@ -60,7 +61,7 @@ def from_typical(model: Fit, candidate: Candidate, sign: float) -> Fit:
 
 def settled(found: Fit) -> Fit:
     """Return a quick refit brought to rest with derivatives of its own."""
-    return _beyond(fit(found.data, found.free, start=found.point.vector, known=found, iterations=2 * ITERATIONS))
+    return _beyond(fit(found.data, found.free, start=found.point.vector, known=found, iterations=TO_REST))
 
 
 def _beyond(found: Fit, *, secant: bool = False) -> Fit:

@@ -12,7 +12,7 @@ from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, without_spikes
 from dlwpredict.diagnose.columns import Columns
-from dlwpredict.diagnose.competitor import Beside, Energy, Forms, agreement
+from dlwpredict.diagnose.competitor import LEVEL, SINGLE, Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened, steepness
 from dlwpredict.diagnose.finer import lowest, on_own_pixels
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
@@ -33,9 +33,6 @@ from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.uneven import Uneven
 
-LEVEL = 0.025
-"""Probability that noise alone is called structure; the naming of effects takes as much again."""
-
 PASSES = 3
 """Times that noise and choice are repeated at most, until the noise stays what it was."""
 
@@ -44,9 +41,6 @@ ALIKE = 0.15
 
 EXPLAINED = 0.9
 """The named effects must explain this share of what the free forms explain."""
-
-SINGLE = LEVEL / 4
-"""The same for each of the four ways of looking for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,12 +217,10 @@ def diagnose(
         tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
         data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
         baseline = on_own_pixels(fit_from(data, free, vector, workers), workers)
-        library, null = Library.of(around, baseline.data), Null.of(baseline.data, noise, seed, workers)
+        library, null = Library.of(around, baseline), Null.of(baseline.data, noise, seed, workers)
         search = Search(baseline, library, null, tell, workers)
         begun = fit(data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
-        if found is None and _doubtful(search, model):
-            model = search.widened(model)
         if model is baseline:
             break
         found, vector = on_own_pixels(model, workers), baseline.point.vector
@@ -266,14 +258,6 @@ def diagnose(
         tuple(mismatch),
         tuple(_held_out(bare(recording), baseline, seed) for recording in holdout),
     )
-
-
-def _doubtful(search: Search, model: Fit) -> bool:
-    """Tell whether there is something that one effect does not explain: then the rest of the library is tried too."""
-    if not search.more(search.baseline):
-        return False
-    columns = Forms.of(search.baseline).columns
-    return len(search.added(model)) != 1 or Beside.of(model, columns, search.null).energy().p_value < SINGLE
 
 
 def _held_out(recording: Recording, baseline: Fit, seed: int) -> Whitened:

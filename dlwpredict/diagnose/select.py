@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,10 +10,11 @@ from scipy import stats
 
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.candidates import Candidate
-from dlwpredict.diagnose.evidence import WIDTHS, Whitened, prior_rows, stack, width_rows
+from dlwpredict.diagnose.competitor import SINGLE, Beside, Forms
+from dlwpredict.diagnose.evidence import WIDTHS, prior_rows, stack, width_rows
 from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit, sharing
-from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, scouted, settled, without
+from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, refit, scouted, settled, without
 from dlwpredict.diagnose.screen import Null, Screen, screen
 from dlwpredict.effects.base import Effect
 from dlwpredict.parallel import ALONE, Workers
@@ -57,11 +58,11 @@ class Library:
     columns: np.ndarray
 
     @classmethod
-    def of(cls, around: Around, data: Sequence[Whitened]) -> Library:
+    def of(cls, around: Around, baseline: Fit) -> Library:
         """Whiten the signatures."""
-        below = prior_rows(len(data))
+        below = prior_rows(len(baseline.data))
         white = [
-            stack([item.white(change) for item, change in zip(data, changes, strict=True)], below)
+            stack([baseline.seen(k, change) for k, change in enumerate(changes)], below)
             for changes in around.signatures_um
         ]
         return cls(around.chosen, np.stack(white, axis=1))
@@ -99,6 +100,7 @@ class Search:
     workers: Workers = ALONE
     screened: dict[Fit, Screen] = field(default_factory=dict, repr=False)
     tried: dict[Fit, dict[str, Fit]] = field(default_factory=dict, repr=False)
+    rested: set[Fit] = field(default_factory=set, repr=False)
 
     def screen(self, model: Fit) -> Screen:
         """Score every candidate beside a model."""
@@ -121,11 +123,6 @@ class Search:
         """
         return self._backward(self._grown(start or self.baseline))
 
-    def widened(self, model: Fit) -> Fit:
-        """Choose once more, beside the baseline, among all effects; return the better of the two models."""
-        self.tried[self.baseline] = self.refits(self.baseline) | self._from_typical_sizes()
-        return min(model, self._backward(self._grown(self.baseline)), key=_weighed)
-
     def more(self, model: Fit) -> bool:
         """Tell whether some effect scores beside a model as noise hardly ever makes one."""
         scores = self.screen(model)
@@ -136,15 +133,35 @@ class Search:
         while len(self.added(model)) < MOST_EFFECTS:
             if not self.more(model) and not self.hidden(model):
                 break
-            scores, tried = self.screen(model), self.refits(model)
-            order = sorted(tried, key=lambda name: _weighed(tried[name]))
-            for name in order[:RIVALS]:
-                tried[name] = on_own_pixels(settled(tried[name]), self.workers)
-            convincing = [grown for name, grown in tried.items() if _convinces(grown, model, self._least(scores, name))]
+            tried = self.refits(model)
+            for name in _ordered(tried)[:RIVALS]:
+                tried[name] = self._at_rest(tried[name])
+            convincing = [grown for grown in tried.values() if self._convinces(grown, model)]
             if not convincing:
                 break
             model = min(convincing, key=_weighed)
         return model
+
+    def _at_rest(self, found: Fit) -> Fit:
+        """Bring a refit to rest, on pixels of its own."""
+        if found not in self.rested:
+            found = on_own_pixels(settled(found), self.workers)
+            self.rested.add(found)
+        return found
+
+    def _convinces(self, grown: Fit, model: Fit) -> bool:
+        """Tell whether the last effect gains enough, with a strength whose 95 % interval leaves out its off value.
+
+        The limit is that of one strength; whatever else it moves must bring its own 2 (Akaike 1974).
+        """
+        name, shapes = grown.parameters.effects[-1].name, len(grown.free.names) - len(model.free.names) - 1
+        return model.chi2 - grown.chi2 - 2 * shapes > self._least(self.screen(model), name) and _inside(grown, name)
+
+    def _suffices(self, grown: Fit) -> bool:
+        """Tell whether one effect explains all that there is beside the baseline, by scores and by free forms."""
+        if not self._convinces(grown, self.baseline) or self.more(grown):
+            return False
+        return Beside.of(grown, Forms.of(self.baseline).columns, self.null).energy().p_value >= SINGLE
 
     def best(self, scores: Screen, name: str) -> int:
         """Return which of an effect's candidates scores best."""
@@ -160,28 +177,48 @@ class Search:
         known = {effect.name for effect in self.baseline.parameters.effects}
         return [effect for effect in model.parameters.effects if effect.name not in known]
 
-    def refits(self, model: Fit) -> dict[str, Fit]:
+    def refits(self, model: Fit, known: float = np.inf) -> dict[str, Fit]:
         """Refit the effects that score best, each from its best shape, together with all that the model has.
 
-        A quick refit that does not bring what the score has promised is done with more care.
+        Where the best of them does not explain all that the baseline lacks, the others are tried as well. A quick refit
+        that does not bring what the score has promised is done with more care, if that would make it the best.
+
+        Parameters
+        ----------
+        model : Fit
+        known : float, optional
+            −2 ln L with an effect more that is known already: what explains the model's lack need not be searched.
         """
         if model not in self.tried:
-            scores, chosen = self.screen(model), {}
-            strength = np.abs(scores.z)
-            order = np.argsort(-strength)
-            for k in order:
-                if strength[k] >= max(0.5 * strength[order[0]], 1e-9) and len(chosen) < SHORTLIST:
-                    chosen.setdefault(self.library.chosen[k].name, int(k))
-            starts = [(model, self.library.chosen[k], START_SHARE * scores.amplitude[k]) for k in chosen.values()]
-            promised = [model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for k in chosen.values()]
-            found = self.workers.each(kept_promise, [(*own, bar) for own, bar in zip(starts, promised, strict=True)])
-            absorbed = [k for k in self.hidden(model) if self.library.chosen[k].name not in chosen]
-            jobs = [(model, self.library.chosen[k], float(self.library.signs[k])) for k in absorbed]
-            found += self.workers.each(from_typical, jobs)
-            names = [*chosen, *(self.library.chosen[k].name for k in absorbed)]
-            self.tried[model] = dict(zip(names, (sharing(one, model.data) for one in found), strict=True))
-            self._told(model, self.tried[model])
+            scores = self.screen(model)
+            chosen = self._shortlist(scores)
+            starts = {name: (model, self.library.chosen[k], START_SHARE * scores.amplitude[k])
+                      for name, k in chosen.items()}  # fmt: skip
+            tried = self._each(refit, starts)
+            if known == np.inf:
+                tried |= self._others(tried) if model is self.baseline and self.more(model) else {}
+                tried |= self._each(from_typical, self._absorbed(model, tried))
+            least = min([known, *(found.chi2 for found in tried.values())])
+            bars = {name: model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for name, k in chosen.items()}
+            broken = [name for name, bar in bars.items() if bar < min(least, tried[name].chi2)]
+            tried |= self._each(kept_promise, {name: (*starts[name], tried[name], bars[name]) for name in broken})
+            self._told(model, tried)
+            self.tried[model] = tried
         return self.tried[model]
+
+    def _each(self, work: Callable[..., Fit], jobs: Mapping[str, tuple]) -> dict[str, Fit]:
+        """Let the workers make a fit for every name; jobs begin with the model that it grows from."""
+        found = self.workers.each(work, list(jobs.values()))
+        return {name: sharing(one, jobs[name][0].data) for name, one in zip(jobs, found, strict=True)}
+
+    def _shortlist(self, scores: Screen) -> dict[str, int]:
+        """Return the effects that score at least half the best score, each with its best candidate."""
+        strength, chosen = np.abs(scores.z), {}
+        order = np.argsort(-strength)
+        for k in order:
+            if strength[k] >= max(0.5 * strength[order[0]], 1e-9) and len(chosen) < SHORTLIST:
+                chosen.setdefault(self.library.chosen[k].name, int(k))
+        return chosen
 
     def hidden(self, model: Fit) -> list[int]:
         """Return the candidates, one per effect, that calibration may have answered to with a focus that is none."""
@@ -192,17 +229,29 @@ class Search:
         absorbed = np.flatnonzero((whole >= HIDDEN) & (scores.visible < HIDDEN))
         return sorted({self.best(scores, self.library.chosen[k].name) for k in absorbed})
 
-    def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
-        self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
+    def _absorbed(self, model: Fit, tried: Mapping[str, Fit]) -> dict[str, tuple[Fit, Candidate, float]]:
+        """Return the hidden effects that were not tried, with where their refits start.
 
-    def _from_typical_sizes(self) -> dict[str, Fit]:
-        """Refit, beside the baseline, effects that the screen has left aside, from their typical size.
+        None, once a model convinces whose focus is a likely one: it has what calibration had answered to.
+        """
+        best = min(tried.values(), key=_weighed, default=model)
+        if best is not model and not _strange(best) and self._convinces(best, model):
+            return {}
+        chosen = [(self.library.chosen[k], float(self.library.signs[k])) for k in self.hidden(model)]
+        return {one.name: (model, one, sign) for one, sign in chosen if one.name not in tried}
+
+    def _others(self, tried: dict[str, Fit]) -> dict[str, Fit]:
+        """Bring the best refit beside the baseline to rest; where it does not suffice, try the rest of the library.
 
         What tangents take nearly whole, as a shift takes a lag, shows only where it bends.
         """
-        known = self.refits(self.baseline)
-        names = {candidate.name for candidate in self.library.chosen} - set(known)
-        return self._scouts(self.baseline, names, min(one.chi2 for one in known.values()))
+        first = _ordered(tried)[0]
+        best = self._at_rest(tried[first])
+        others = {candidate.name for candidate in self.library.chosen} - set(tried)
+        return {first: best} | ({} if self._suffices(best) else self._scouts(self.baseline, others, best.chi2))
+
+    def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
+        self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
 
     def look_alikes(self, model: Fit, effect: Effect, best: float) -> dict[str, Fit]:
         """Refit, beside a model, what is declared to be confused with an effect and has not been tried.
@@ -221,7 +270,7 @@ class Search:
             if candidate.name in effect.confused_with or effect.name in candidate.effect.confused_with
         }
         present = {one.name for one in model.parameters.effects}
-        return self._scouts(model, declared - present - set(self.refits(model)), best)
+        return self._scouts(model, declared - present - set(self.refits(model, best)), best)
 
     def _scouts(self, model: Fit, names: Set[str], best: float) -> dict[str, Fit]:
         """Refit effects from their typical size, those only that soon come half way to the best −2 ln L."""
@@ -241,7 +290,7 @@ class Search:
                 break
             fewer = without(model, effect.name)
             if fewer.chi2 - model.chi2 < self._least(self.screen(fewer), effect.name):
-                model = on_own_pixels(settled(fewer), self.workers)
+                model = self._at_rest(fewer)
         return model
 
 
@@ -257,13 +306,9 @@ def _weighed(found: Fit) -> float:
     return found.chi2 + 2 * len(found.free.names)
 
 
-def _convinces(grown: Fit, model: Fit, limit: float) -> bool:
-    """Tell whether the last effect gains enough, with a strength whose 95 % interval leaves out its off value.
-
-    The limit is that of one strength; whatever else it moves must bring its own 2 (Akaike 1974).
-    """
-    shapes = len(grown.free.names) - len(model.free.names) - 1
-    return model.chi2 - grown.chi2 - 2 * shapes > limit and _inside(grown, grown.parameters.effects[-1].name)
+def _ordered(tried: Mapping[str, Fit]) -> list[str]:
+    """Return names, the likeliest first."""
+    return sorted(tried, key=lambda name: _weighed(tried[name]))
 
 
 def _inside(fitted: Fit, name: str) -> bool:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from dlwpredict.diagnose.competitor import LEVEL, SINGLE
 from dlwpredict.diagnose.naming import Named, strengths
-from dlwpredict.diagnose.run import LEVEL, SINGLE, Diagnosis
+from dlwpredict.diagnose.run import Diagnosis
 from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
 
