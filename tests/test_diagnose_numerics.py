@@ -462,6 +462,13 @@ def test_the_change_on_finer_pixels_stays_where_it_makes_no_difference():
     assert on_own_pixels(settled) is settled
 
 
+def test_the_change_on_finer_pixels_stays_where_it_cannot_make_up_for_a_lead():
+    begun = finer_pixels_fitted(seed=4, held_at_um=0.53)
+    perfect = replace(begun, residual=0 * begun.residual)
+    assert on_own_pixels(begun, better=begun) is not begun
+    assert on_own_pixels(begun, better=perfect) is begun
+
+
 def test_polished_fit_knows_what_finer_pixels_change():
     """Held at another width, the change on finer pixels draws the fitted width there, surely; moving along, not."""
     begun = [finer_pixels_fitted(seed, held_at_um=0.8) for seed in range(5)]

@@ -216,10 +216,10 @@ def diagnose(
         noise = better
         tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
         data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
-        baseline = on_own_pixels(fit_from(data, free, vector, workers), workers)
+        begun = fit(data, found.free, start=found.point.vector) if found else None
+        baseline = on_own_pixels(fit_from(data, free, vector, workers), workers, begun)
         library, null = Library.of(around, baseline), Null.of(baseline.data, noise, seed, workers)
         search = Search(baseline, library, null, tell, workers)
-        begun = fit(data, found.free, start=found.point.vector) if found else None
         model = search.select(begun)
         if model is baseline:
             break
@@ -233,7 +233,7 @@ def diagnose(
     named, screened = named_in(search, model), search.screen(baseline)
     whole = lowest(model, workers)
     named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
-    baseline = whole if model is baseline else lowest(baseline, workers)
+    baseline = whole if model is baseline else lowest(baseline, workers, whole)
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)

@@ -247,8 +247,12 @@ class Search:
         """
         first = _ordered(tried)[0]
         best = self._at_rest(tried[first])
+        if self._suffices(best):
+            return {first: best}
         others = {candidate.name for candidate in self.library.chosen} - set(tried)
-        return {first: best} | ({} if self._suffices(best) else self._scouts(self.baseline, others, best.chi2))
+        found = {first: best} | self._scouts(self.baseline, others, best.chi2)
+        first = _ordered(found)[0]
+        return found | {first: self._at_rest(found[first])}
 
     def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
         self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
