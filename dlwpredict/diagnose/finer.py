@@ -17,9 +17,6 @@ from dlwpredict.parameters import ParameterSet
 GAIN = 1.0
 """The change is taken anew at the fitted process where it differs by this energy in units of the noise."""
 
-SHARE = 0.1
-"""A lead that is known to this share of it is known well enough to say that there is one."""
-
 PIXELS = list(NUISANCES).index("pixels")
 
 
@@ -44,18 +41,17 @@ def on_own_pixels(fitted: Fit, workers: Workers = ALONE, better: Fit | None = No
     fitted : Fit
     workers : Workers
     better : Fit, optional
-        One with more effects: where pixels cannot make up for its lead, they stay as they are.
+        One with more effects: where pixels cannot make up for its lead, the fit stays as it is.
     """
     now = with_own_change(fitted, workers)
-    if _changed(fitted, now) < GAIN or _outdone(fitted, now, better):
+    energy, lead = _changed(fitted, now), fitted.chi2 - better.chi2 if better else 0.0
+    if energy < GAIN or 2 * np.sqrt(fitted.chi2 * energy) < lead:  # |r − d|² ≥ |r|² − 2|r||d|
         return fitted
     return differentiated(problem_of(now.data, now.free), _at_rest(now, workers))
 
 
-def lowest(fitted: Fit, workers: Workers = ALONE, better: Fit | None = None) -> Fit:
-    """Return the fit polished, from its likelier double as well where it has one; `better` as in `on_own_pixels`."""
-    if better is not None and _outdone(fitted, with_own_change(fitted, workers), better):
-        return fitted
+def lowest(fitted: Fit, workers: Workers = ALONE) -> Fit:
+    """Return the fit polished, from its likelier double as well where it has one."""
     starts = doubled(fitted.free, fitted.point.vector)
     return min((polished(_moved(fitted, start), workers) for start in starts), key=lambda one: one.chi2)
 
@@ -64,14 +60,6 @@ def _changed(fitted: Fit, now: Fit) -> float:
     """Return the energy of the difference between two fits' changes on finer pixels, in units of the noise."""
     pairs = zip(fitted.data, now.data, strict=True)
     return float(sum(np.sum(a.white(b.discretisation_um - a.discretisation_um) ** 2) for a, b in pairs))
-
-
-def _outdone(fitted: Fit, now: Fit, better: Fit | None) -> bool:
-    """Tell whether pixels of its own cannot move another fit's lead by `SHARE` of it.
-
-    A residual r that is changed by d has at least the length |r| − |d|: χ² falls by 2|r||d| at most.
-    """
-    return better is not None and 2 * np.sqrt(fitted.chi2 * _changed(fitted, now)) < SHARE * (fitted.chi2 - better.chi2)
 
 
 def polished(fitted: Fit, workers: Workers = ALONE) -> Fit:

@@ -233,7 +233,7 @@ def diagnose(
     named, screened = named_in(search, model), search.screen(baseline)
     whole = lowest(model, workers)
     named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
-    baseline = whole if model is baseline else lowest(baseline, workers, whole)
+    baseline = whole if model is baseline else lowest(baseline, workers)
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)
