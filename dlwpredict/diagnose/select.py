@@ -177,7 +177,7 @@ class Search:
         known = {effect.name for effect in self.baseline.parameters.effects}
         return [effect for effect in model.parameters.effects if effect.name not in known]
 
-    def refits(self, model: Fit, known: float = np.inf) -> dict[str, Fit]:
+    def refits(self, model: Fit, goal: float | None = None) -> dict[str, Fit]:
         """Refit the effects that score best, each from its best shape, together with all that the model has.
 
         Where the best of them does not explain all that the baseline lacks, the others are tried as well. A quick refit
@@ -186,8 +186,8 @@ class Search:
         Parameters
         ----------
         model : Fit
-        known : float, optional
-            −2 ln L with an effect more that is known already: what explains the model's lack need not be searched.
+        goal : float, optional
+            −2 ln L that deserves care, where what the model lacks is known already and need not be searched.
         """
         if model not in self.tried:
             scores = self.screen(model)
@@ -195,12 +195,14 @@ class Search:
             starts = {name: (model, self.library.chosen[k], START_SHARE * scores.amplitude[k])
                       for name, k in chosen.items()}  # fmt: skip
             tried = self._each(refit, starts)
-            if known == np.inf:
-                tried |= self._others(tried) if model is self.baseline and self.more(model) else {}
+            if goal is None and model is self.baseline and self.more(model):
+                tried |= self._others(tried)
+            if goal is not None or not self._restored(model, tried):
                 tried |= self._each(from_typical, self._absorbed(model, tried))
-            least = min([known, *(found.chi2 for found in tried.values())])
+            if goal is None:
+                goal = min(found.chi2 for found in tried.values())
             bars = {name: model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for name, k in chosen.items()}
-            broken = [name for name, bar in bars.items() if bar < min(least, tried[name].chi2)]
+            broken = [name for name, bar in bars.items() if bar < min(goal, tried[name].chi2)]
             tried |= self._each(kept_promise, {name: (*starts[name], tried[name], bars[name]) for name in broken})
             self._told(model, tried)
             self.tried[model] = tried
@@ -230,15 +232,14 @@ class Search:
         return sorted({self.best(scores, self.library.chosen[k].name) for k in absorbed})
 
     def _absorbed(self, model: Fit, tried: Mapping[str, Fit]) -> dict[str, tuple[Fit, Candidate, float]]:
-        """Return the hidden effects that were not tried, with where their refits start.
-
-        None, once a model convinces whose focus is a likely one: it has what calibration had answered to.
-        """
-        best = min(tried.values(), key=_weighed, default=model)
-        if best is not model and not _strange(best) and self._convinces(best, model):
-            return {}
+        """Return the hidden effects that were not tried, with where their refits start."""
         chosen = [(self.library.chosen[k], float(self.library.signs[k])) for k in self.hidden(model)]
         return {one.name: (model, one, sign) for one, sign in chosen if one.name not in tried}
+
+    def _restored(self, model: Fit, tried: Mapping[str, Fit]) -> bool:
+        """Tell whether the best refit convinces, and has a likely focus: what calibration had answered to is found."""
+        best = min(tried.values(), key=_weighed, default=model)
+        return best is not model and not _strange(best) and self._convinces(best, model)
 
     def _others(self, tried: dict[str, Fit]) -> dict[str, Fit]:
         """Bring the best refit beside the baseline to rest; where it does not suffice, try the rest of the library.
@@ -274,7 +275,7 @@ class Search:
             if candidate.name in effect.confused_with or effect.name in candidate.effect.confused_with
         }
         present = {one.name for one in model.parameters.effects}
-        return self._scouts(model, declared - present - set(self.refits(model, best)), best)
+        return self._scouts(model, declared - present - set(self.refits(model)), best)
 
     def _scouts(self, model: Fit, names: Set[str], best: float) -> dict[str, Fit]:
         """Refit effects from their typical size, those only that soon come half way to the best −2 ln L."""
