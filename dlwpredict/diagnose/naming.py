@@ -89,7 +89,7 @@ def _named(search: Search, model: Fit, effect: Effect) -> Named:
     gain = rest.chi2 - model.chi2
     z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
-    others = {name: fitted for name, fitted in search.refits(rest, model.chi2 + limit).items() if name != effect.name}
+    others = {name: fitted for name, fitted in search.refits(rest, model.chi2).items() if name != effect.name}
     others |= search.look_alikes(rest, effect, model.chi2)
     for name, fitted in others.items():
         if limit <= fitted.chi2 - model.chi2 < NEARLY * limit:

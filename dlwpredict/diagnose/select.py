@@ -181,13 +181,13 @@ class Search:
         """Refit the effects that score best, each from its best shape, together with all that the model has.
 
         Where the best of them does not explain all that the baseline lacks, the others are tried as well. A quick refit
-        that does not bring what the score has promised is done with more care, if that would make it the best.
+        that does not bring what the score has promised is done with more care, if that goes half way to the best one.
 
         Parameters
         ----------
         model : Fit
         goal : float, optional
-            −2 ln L that deserves care, where what the model lacks is known already and need not be searched.
+            −2 ln L of the best, where that is known already and need not be searched.
         """
         if model not in self.tried:
             scores = self.screen(model)
@@ -202,7 +202,8 @@ class Search:
             if goal is None:
                 goal = min(found.chi2 for found in tried.values())
             bars = {name: model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for name, k in chosen.items()}
-            broken = [name for name, bar in bars.items() if bar < min(goal, tried[name].chi2)]
+            half = (goal + model.chi2) / 2
+            broken = [name for name, bar in bars.items() if bar < min(half, tried[name].chi2)]
             tried |= self._each(kept_promise, {name: (*starts[name], tried[name], bars[name]) for name in broken})
             self._told(model, tried)
             self.tried[model] = tried
