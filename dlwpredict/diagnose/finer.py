@@ -44,8 +44,8 @@ def on_own_pixels(fitted: Fit, workers: Workers = ALONE, better: Fit | None = No
         One with more effects: where pixels cannot make up for its lead, the fit stays as it is.
     """
     now = with_own_change(fitted, workers)
-    energy, lead = _changed(fitted, now), fitted.chi2 - better.chi2 if better else 0.0
-    if energy < GAIN or 2 * np.sqrt(fitted.chi2 * energy) < lead:  # |r − d|² ≥ |r|² − 2|r||d|
+    energy, lead = _changed(fitted, now), (fitted.chi2 - better.chi2 if better else 0.0)
+    if energy < GAIN or 2 * np.sqrt(fitted.chi2 * energy) < lead:  # |r − d|² ≥ |r|² − 2|r||d|, the process where it is
         return fitted
     return differentiated(problem_of(now.data, now.free), _at_rest(now, workers))
 

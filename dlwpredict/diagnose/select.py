@@ -194,7 +194,8 @@ class Search:
             chosen = self._shortlist(scores)
             starts = {name: (model, self.library.chosen[k], START_SHARE * scores.amplitude[k])
                       for name, k in chosen.items()}  # fmt: skip
-            tried = self._each(refit, starts)
+            quick = self._each(refit, starts)
+            tried = dict(quick)
             if goal is None and model is self.baseline and self.more(model):
                 tried |= self._others(tried)
             if goal is not None or not self._restored(model, tried):
@@ -204,7 +205,7 @@ class Search:
             bars = {name: model.chi2 - (scores.z[k] * scores.spread[k]) ** 2 for name, k in chosen.items()}
             half = (goal + model.chi2) / 2
             broken = [name for name, bar in bars.items() if bar < min(half, tried[name].chi2)]
-            tried |= self._each(kept_promise, {name: (*starts[name], tried[name], bars[name]) for name in broken})
+            tried |= self._each(kept_promise, {name: (*starts[name], quick[name], bars[name]) for name in broken})
             self._told(model, tried)
             self.tried[model] = tried
         return self.tried[model]
@@ -276,7 +277,7 @@ class Search:
             if candidate.name in effect.confused_with or effect.name in candidate.effect.confused_with
         }
         present = {one.name for one in model.parameters.effects}
-        return self._scouts(model, declared - present - set(self.refits(model)), best)
+        return self._scouts(model, declared - present - set(self.refits(model, best)), best)
 
     def _scouts(self, model: Fit, names: Set[str], best: float) -> dict[str, Fit]:
         """Refit effects from their typical size, those only that soon come half way to the best −2 ln L."""
