@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from dlwpredict.effects.base import MapEffect
 from dlwpredict.effects.plane import blurred_recording, slopes
@@ -13,9 +14,8 @@ from dlwpredict.parameters import declare
 
 
 def steepness(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    """Return s⁸/(1 + s⁸), s = |∇t|: 0 on gentle, 1 on steep ground, ½ at 45°."""
-    fourth = (slope_x**2 + slope_y**2) ** 4
-    return fourth / (1 + fourth)
+    """Return s³²/(1 + s³²), s = |∇t|: 0 on gentle, 1 on steep ground, ½ at 45°; from 0.1 to 0.9 within 7 % of s = 1."""
+    return special.expit(16 * np.log(np.maximum(slope_x**2 + slope_y**2, 1e-30)))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.effects.base import MapEffect
-from dlwpredict.effects.plane import centroid_um, nearest, pixel_of
+from dlwpredict.effects.plane import centroid_um, nearest, pixel_of, read_locally
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import declare
 
@@ -38,14 +38,13 @@ def drawn_inwards(surface: HeightMap, strain: float, pin_height_um: float) -> np
     x, y = surface.x_um[cols] - centre_x, surface.y_um[rows] - centre_y
     # heights continue beyond the footprint, so that only the footprint itself ends a wall
     continued = nearest(surface.heights_um, footprint)
-    relief = ndimage.spline_filter(continued, order=3, mode="nearest")
     around = ndimage.minimum_filter(continued, 3, mode="nearest"), ndimage.maximum_filter(continued, 3, mode="nearest")
 
     def within(z: np.ndarray) -> np.ndarray:
         stretch = 1 / (1 - strain * (1 - np.exp(-z / pin_height_um)))
         place = pixel_of(surface, centre_x + x * stretch, centre_y + y * stretch)
-        height = ndimage.map_coordinates(relief, place, order=3, mode="nearest", prefilter=False)
-        # a spline rings at cliffs inside the footprint
+        height = read_locally(continued, place)
+        # it overshoots at cliffs inside the footprint
         height = np.clip(height, *(ndimage.map_coordinates(limit, place, order=0, mode="nearest") for limit in around))
         part = ndimage.map_coordinates(1.0 * footprint, place, order=1, mode="grid-constant")
         return (z <= height) & (part >= 0.5)

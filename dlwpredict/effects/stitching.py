@@ -34,7 +34,10 @@ def shifted(target: HeightMap, shift_x_um: float, shift_y_um: float) -> np.ndarr
 
 @dataclass(frozen=True)
 class Stitching(DoseEffect):
-    """Every second block is displaced, and a strip along each seam is written twice, D = 1 + overlap."""
+    """Every second block is displaced, and a strip along each seam is written twice, D = 1 + overlap.
+
+    A pixel that a seam cuts has the step with the part of it that lies behind.
+    """
 
     name = "stitching"
     meaning = "blocks written one after the other join with a step, a shift or a double-exposed strip"
@@ -61,11 +64,15 @@ class Stitching(DoseEffect):
         return super().act(state) if self.overlap else state
 
     def _displaced(self, target: HeightMap) -> np.ndarray:
-        distance = across(target, self.angle_deg, self.seam_um)
-        behind = np.floor(distance / self.period_um) % 2 == 0 if self.period_um else distance >= 0
+        distance, pixel = across(target, self.angle_deg, self.seam_um), self._pixel_um(target)
+        if self.period_um:
+            # to the nearer end of the block, positive in every second one
+            half = self.period_um / 2
+            distance = half - np.abs((distance + half) % (4 * half) - 2 * half)
+        behind = np.clip(distance / pixel + 0.5, 0, 1)
         heights = target.heights_um
         if self.shift_x_um or self.shift_y_um:
-            heights = np.where(behind, shifted(target, self.shift_x_um, self.shift_y_um), heights)
+            heights = np.where(behind >= 0.5, shifted(target, self.shift_x_um, self.shift_y_um), heights)
         moved = target.with_heights(heights)
         return where_written(moved, heights + self.step_um * behind)
 
@@ -74,8 +81,12 @@ class Stitching(DoseEffect):
         distance = across(written, self.angle_deg, self.seam_um)
         if self.period_um:
             distance = (distance + self.period_um / 2) % self.period_um - self.period_um / 2
-        angle = np.deg2rad(self.angle_deg)
-        pixel = abs(np.cos(angle)) * written.dx_um + abs(np.sin(angle)) * written.dy_um
+        pixel = self._pixel_um(written)
         upper = np.minimum(distance + pixel / 2, self.width_um / 2)
         lower = np.maximum(distance - pixel / 2, -self.width_um / 2)
         return 1 + self.overlap * np.maximum(upper - lower, 0) / pixel
+
+    def _pixel_um(self, grid: HeightMap) -> float:
+        """Return the extent of a pixel across the seam, µm."""
+        angle = np.deg2rad(self.angle_deg)
+        return abs(np.cos(angle)) * grid.dx_um + abs(np.sin(angle)) * grid.dy_um

@@ -20,32 +20,47 @@ import numpy as np
 from dlwpredict.calibrate import prepare
 from dlwpredict.diagnose.content import content_of
 from dlwpredict.diagnose.run import diagnose
-from dlwpredict.diagnose.screen import POWER
 from dlwpredict.effects import library
 from dlwpredict.parameters import ParameterSet, declarations
-from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, recorded
+from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, process, recorded, target
+from tests.prove.hidden import Hidden
+from tests.prove.linear import LIMIT_Z, Sight
+from tests.prove.mix import Draw
+from tests.prove.sealed import Bare, shown, strength
 
 
 def limits(seed: int) -> dict[str, dict[str, float | str]]:
-    """Return for every effect the strength that is found nine times in ten on the trio, from a null of its own."""
-    pairs = recorded(Case(seed=seed))
-    found = diagnose([prepare(a, b) for a, b in pairs], ParameterSet())
-    best: dict[str, dict] = {}
+    """Return the detection limit of every effect on the trio, as the proof takes it, by the switch that shows most.
+
+    Which switch that is, and where to begin, is what the program says beside a null of its own; the limit itself is
+    where the change that the press makes stands out of the noise once everything has been fitted anew.
+    """
+    case = Case(seed=seed)
+    parts = [target(kind) for kind in case.structures]
+    noise = {"sigma_um": case.sigma_um, "correlation_um": case.correlation_um, "white_um": case.white_um}
+    plain = Draw("null", 0, process(seed), 0.0, noise | {"kind": "gaussian"}, [], {}, (), (), {}, [])
+    bare = Bare(plain, parts, Sight.of(parts, plain.process, plain.noise), shown(plain, parts, []))
+    found = diagnose([prepare(a, b) for a, b in recorded(case)], ParameterSet())
+    first: dict[str, tuple[float, Hidden]] = {}
     for candidate, visible in zip(found.library.chosen, found.screen.visible, strict=True):
         default = type(candidate.effect)(**{candidate.switch: candidate.off})
         if any(getattr(candidate.effect, n) != getattr(default, n) for n in declarations(default)):
             continue
-        share = (found.screen.threshold() + POWER) / max(visible, 1e-9)
-        if candidate.name not in best or share < best[candidate.name]["share"]:
-            best[candidate.name] = {"switch": candidate.switch, "share": share, "unit": candidate.unit,
-                                    "off": candidate.off, "low": candidate.declaration.low,
-                                    "high": candidate.declaration.high}  # fmt: skip
-    return best
+        probe = getattr(candidate.at(LIMIT_Z / max(visible, 1e-9)), candidate.switch)
+        ends = candidate.declaration.low, candidate.declaration.high
+        if candidate.name not in first or visible > first[candidate.name][0]:
+            first[candidate.name] = visible, Hidden(candidate.name, candidate.switch, candidate.off, probe, *ends)
+    return {
+        name: {"switch": hidden.switch, "off": hidden.off, "low": hidden.low, "high": hidden.high}
+        | {key: one[key] for key in ("value", "z")}
+        for name, (_, hidden) in first.items()
+        for one in [strength(hidden, 1.0, bare)]
+    }
 
 
-def strong(name: str, limit: Mapping, times: float, sign: int = 1) -> dict:
+def strong(name: str, limit: Mapping, times: float) -> dict:
     """Return an effect at so many times its limit, inside its range."""
-    value = limit["off"] + sign * times * limit["share"] * limit["unit"]
+    value = limit["off"] + times * (limit["value"] - limit["off"])
     return {"name": name, limit["switch"]: float(np.clip(value, limit["low"], limit["high"]))}
 
 

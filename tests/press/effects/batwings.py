@@ -1,9 +1,8 @@
-"""Overshoot at edges: t -> t + sign gain (t - G_fwhm * t) where the slope, there or beside, exceeds 1."""
+"""Overshoot at edges: t -> t + sign gain (t - G_fwhm * t) where the slope exceeds 1."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from tests.press.effect import MeasureEffect, effect
 from tests.press.gauss import SIGMA_PER_FWHM, on_map
@@ -23,8 +22,8 @@ class Batwings(MeasureEffect):
     def record(self, heights, grid):
         if self.gain == 0:
             return heights
-        steep = maximum_filter(slope(heights, grid), 3) > 1
-        return np.where(steep, heights + self.sign * self.gain * (heights - self._smooth(heights, grid)), heights)
+        detail = heights - self._smooth(heights, grid)
+        return heights + np.where(slope(heights, grid) > 1, self.sign * self.gain * detail, 0)
 
     def _smooth(self, heights, grid):
         return on_map(heights, self.fwhm_um * SIGMA_PER_FWHM, grid)

@@ -39,9 +39,9 @@ class Stitching(PrintEffect):
         return moved, support * (moved > 0)
 
     def _passed(self, grid):
-        """Return how many seams lie behind each point."""
-        along = sum((grid.x[None, :] > seam) * 1.0 for seam in self.seam_x_um) if self.seam_x_um else 0.0
-        across = sum((grid.y[:, None] > seam) * 1.0 for seam in self.seam_y_um) if self.seam_y_um else 0.0
+        """Return how many seams lie behind each pixel; one that a seam cuts counts with the part behind it."""
+        along = sum(_beyond(grid.x[None, :] - seam, grid.dx) for seam in self.seam_x_um) if self.seam_x_um else 0.0
+        across = sum(_beyond(grid.y[:, None] - seam, grid.dy) for seam in self.seam_y_um) if self.seam_y_um else 0.0
         return along + across + np.zeros((len(grid.y), len(grid.x)))
 
     def dose(self, scene):
@@ -54,6 +54,11 @@ class Stitching(PrintEffect):
         for seam in self.seam_y_um:
             strip += _share(grid.y - seam, self.width_um, grid.dy)[:, None]
         return 1 + self.overlap * strip[None]
+
+
+def _beyond(offset, pitch):
+    """Return how much of each pixel lies beyond a line."""
+    return np.clip(offset / pitch + 0.5, 0, 1)
 
 
 def _share(offset, width_um, pitch):
