@@ -71,7 +71,7 @@ clean: ## Remove the environment and all runs
 bench: $(VENV)/.installed ## Speed, as ratios measured side by side (half an hour; BENCH="startup predict", BENCH="large")
 	$(BIN)/python -m tests.bench.speed --folder $(RUNS)/bench $(BENCH)
 
-.PHONY: bench-model bench-align bench-calibration bench-diagnose
+.PHONY: bench-model bench-align bench-calibration bench-diagnose bench-agreement
 bench-model: $(VENV)/.installed ## Fast against voxel: agreement, time, memory
 	$(BIN)/python -m tests.bench.model
 
@@ -83,3 +83,6 @@ bench-calibration: $(VENV)/.installed ## Coverage of the intervals; fast against
 
 bench-diagnose: $(VENV)/.installed ## Diagnosis against concealed truth (hours; resumes; BENCH_DIAGNOSE="--nulls 60 --singles 2")
 	$(BIN)/python -m tests.bench.diagnosis $(RUNS)/bench-diagnose $(BENCH_DIAGNOSE)
+
+bench-agreement: $(VENV)/.installed ## Press against program, effect by effect, beside all that a fit may move (10 minutes)
+	$(BIN)/python -m tests.bench.agreement $(AGREEMENT)

@@ -22,11 +22,11 @@ from dlwpredict.diagnose.content import content_of
 from dlwpredict.diagnose.run import diagnose
 from dlwpredict.effects import library
 from dlwpredict.parameters import ParameterSet, declarations
-from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, process, recorded, target
+from tests.bench.agreement import bare
+from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, recorded
 from tests.prove.hidden import Hidden
-from tests.prove.linear import LIMIT_Z, Sight
-from tests.prove.mix import Draw
-from tests.prove.sealed import Bare, shown, strength
+from tests.prove.linear import LIMIT_Z
+from tests.prove.sealed import strength
 
 
 def limits(seed: int) -> dict[str, dict[str, float | str]]:
@@ -35,12 +35,8 @@ def limits(seed: int) -> dict[str, dict[str, float | str]]:
     Which switch that is, and where to begin, is what the program says beside a null of its own; the limit itself is
     where the change that the press makes stands out of the noise once everything has been fitted anew.
     """
-    case = Case(seed=seed)
-    parts = [target(kind) for kind in case.structures]
-    noise = {"sigma_um": case.sigma_um, "correlation_um": case.correlation_um, "white_um": case.white_um}
-    plain = Draw("null", 0, process(seed), 0.0, noise | {"kind": "gaussian"}, [], {}, (), (), {}, [])
-    bare = Bare(plain, parts, Sight.of(parts, plain.process, plain.noise), shown(plain, parts, []))
-    found = diagnose([prepare(a, b) for a, b in recorded(case)], ParameterSet())
+    known = bare(seed)
+    found = diagnose([prepare(a, b) for a, b in recorded(Case(seed=seed))], ParameterSet())
     first: dict[str, tuple[float, Hidden]] = {}
     for candidate, visible in zip(found.library.chosen, found.screen.visible, strict=True):
         default = type(candidate.effect)(**{candidate.switch: candidate.off})
@@ -54,7 +50,7 @@ def limits(seed: int) -> dict[str, dict[str, float | str]]:
         name: {"switch": hidden.switch, "off": hidden.off, "low": hidden.low, "high": hidden.high}
         | {key: one[key] for key in ("value", "z")}
         for name, (_, hidden) in first.items()
-        for one in [strength(hidden, 1.0, bare)]
+        for one in [strength(hidden, 1.0, known)]
     }
 
 

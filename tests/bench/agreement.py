@@ -1,0 +1,87 @@
+"""Press against program, effect by effect: what is left of both changes once everything that a fit may move is fitted.
+
+Run as ``python -m tests.bench.agreement [EFFECT ...]``; `make bench-agreement` does. Maps that agree to a nanometre may
+still disagree here: calibration, levelling and registration take most of a change, and what they leave is all that a
+diagnosis sees. A cosine below 0.9 is a finding: a fault of either, a limit of the pixels, or another law.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from dlwpredict.diagnose.evidence import prior_rows, stack
+from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.screen import beside
+from dlwpredict.effects import library
+from dlwpredict.effects.base import Effect
+from dlwpredict.parameters import declarations
+from dlwpredict.process import predict
+from tests.bench.cases import Case, process, target
+from tests.press.effect import registry
+from tests.prove.hidden import NAMED, SET_APART
+from tests.prove.linear import Sight
+from tests.prove.mix import Draw
+from tests.prove.sealed import Bare, shown
+
+SEED, Z = 2011, 10.0
+"""Of the process; how far the program's change shall stand out of the noise."""
+
+
+def bare(seed: int) -> Bare:
+    """Return the structures of a case with nothing concealed, printed by the press without noise."""
+    case = Case(seed=seed)
+    parts = [target(kind) for kind in case.structures]
+    noise = {"sigma_um": case.sigma_um, "correlation_um": case.correlation_um, "white_um": case.white_um}
+    drawn = Draw("null", 0, process(seed), 0.0, noise | {"kind": "gaussian"}, [], {}, (), (), {}, [])
+    return Bare(drawn, parts, Sight.of(parts, drawn.process, drawn.noise), shown(drawn, parts, []))
+
+
+def left(fitted: Fit, changes_um: list[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Return what a fit leaves of a change, as a direction of length 1 in whitened space and its length."""
+    column = stack([fitted.seen(k, change) for k, change in enumerate(changes_um)], prior_rows(len(changes_um)))
+    unit, length = beside(fitted.basis, column[:, None])
+    return unit[:, 0], float(length[0])
+
+
+def by_program(known: Bare, effect: Effect) -> list[np.ndarray]:
+    """Return the change of the prediction, µm, shape (rows, cols) each."""
+    plain = known.sight.fit.parameters
+    switched = replace(plain, effects=(effect,))
+    return [
+        np.nan_to_num(predict(part, switched, as_measured=True).heights_um - predict(part, plain).heights_um)
+        for part in known.parts
+    ]
+
+
+def by_press(known: Bare, effect: Effect, **settings) -> list[np.ndarray]:
+    """Return the change of what the press prints and its microscope shows."""
+    fields = {name: value for name, value in vars(effect).items() if name in vars(registry()[effect.name]())}
+    entry = {"name": effect.name, **{n: v for n, v in fields.items() if n not in SET_APART}, **settings}
+    changed = shown(known.drawn, known.parts, [entry])
+    return [np.nan_to_num(a - b) for a, b in zip(changed, known.plain, strict=True)]
+
+
+def main() -> None:
+    """Print a line for every switch of every effect."""
+    known = bare(SEED)
+    fitted = known.sight.fit
+    print(f"{'effect':24s} {'switch':20s} {'strength':>9s} {'z program':>9s} {'z press':>8s} {'cosine':>7s}")
+    for name in sys.argv[1:] or NAMED:
+        kind = library()[name]
+        for switch, typical in kind.switches().items():
+            if switch in SET_APART or not hasattr(registry()[name](), switch):
+                continue
+            off, declared = declarations(kind)[switch]
+            _, length = left(fitted, by_program(known, kind(**{switch: typical})))
+            strength = float(np.clip(off + (typical - off) * Z / max(length, 1e-6), declared.low, declared.high))
+            effect = kind(**{switch: strength})
+            one, ours = left(fitted, by_program(known, effect))
+            other, theirs = left(fitted, by_press(known, effect))
+            print(f"{name:24s} {switch:20s} {strength:9.4g} {ours:9.1f} {theirs:8.1f} {one @ other:7.3f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
