@@ -56,10 +56,10 @@ def by_program(known: Bare, effect: Effect) -> list[np.ndarray]:
     ]
 
 
-def by_press(known: Bare, effect: Effect, **settings) -> list[np.ndarray]:
-    """Return the change of what the press prints and its microscope shows."""
-    fields = {name: value for name, value in vars(effect).items() if name in vars(registry()[effect.name]())}
-    entry = {"name": effect.name, **{n: v for n, v in fields.items() if n not in SET_APART}, **settings}
+def by_press(known: Bare, effect: Effect) -> list[np.ndarray]:
+    """Return the change of what the press prints and its microscope shows, with the parameters that it knows."""
+    names = set(vars(registry()[effect.name]())) & set(vars(effect)) - set(SET_APART)
+    entry = {"name": effect.name, **{name: getattr(effect, name) for name in sorted(names)}}
     changed = shown(known.drawn, known.parts, [entry])
     return [np.nan_to_num(a - b) for a, b in zip(changed, known.plain, strict=True)]
 
