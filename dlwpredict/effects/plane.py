@@ -117,8 +117,12 @@ def read_locally(plane: np.ndarray, place: np.ndarray) -> np.ndarray:
     >>> read_locally(parabola, np.array([[3.0, 3.5], [2.5, 4.0]])).tolist()
     [6.25, 16.0]
     """
-    taps, weights = zip(*(_taps(line, count) for line, count in zip(place, plane.shape, strict=True)), strict=True)
-    return np.einsum("ip,jp,ijp->p", *weights, plane[taps[0][:, None], taps[1][None]])
+    (rows, up), (cols, across) = (_taps(line, count) for line, count in zip(place, plane.shape, strict=True))
+    flat, below = plane.ravel(), rows * plane.shape[1]
+    return sum(
+        a * sum(b * flat.take(row + col) for col, b in zip(cols, across, strict=True))
+        for row, a in zip(below, up, strict=True)
+    )
 
 
 def _taps(place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
