@@ -324,15 +324,18 @@ class TestTarget:
         one = effect("z-drift", scale=0.01, quadratic_per_10um=0.05)
         np.testing.assert_allclose(self.written(target, one), h * (1.01 + 0.005 * h), rtol=1e-12)
 
-    def test_stitching_displaces_every_second_block(self, target):
-        one = effect("stitching", step_um=0.1, seam_um=2.1, period_um=4.1)
+    @pytest.mark.parametrize(("seam", "period"), [(2.0, 4.0), (2.1, 4.1)])
+    def test_stitching_displaces_every_second_block(self, target, seam, period):
+        one = effect("stitching", step_um=0.1, seam_um=seam, period_um=period)
         change = (self.written(target, one) - target.heights_um)[30]
-        x = target.x_um
-        # how much of each pixel lies behind a seam, on a thousand points per pixel
-        within = (np.arange(1000) + 0.5) / 1000 - 0.5
-        behind = (np.floor((x[:, None] + PITCH * within - 2.1) / 4.1) % 2 == 0).mean(axis=1)
-        assert np.any((behind > 0) & (behind < 1))
-        np.testing.assert_allclose(change, np.where(target.heights_um[30] > 0, 0.1 * behind, 0), atol=1e-4)
+
+        def behind_up_to(x):
+            return np.floor(x / (2 * period)) * period + np.minimum(x % (2 * period), period)
+
+        ends = (behind_up_to(target.x_um + half - seam) for half in (PITCH / 2, -PITCH / 2))
+        share = np.subtract(*ends) / PITCH
+        assert np.any((share > 1e-9) & (share < 1 - 1e-9)) == (seam == 2.1)
+        np.testing.assert_allclose(change, np.where(target.heights_um[30] > 0, 0.1 * share, 0), atol=1e-12)
 
     def test_stitching_shift_follows_a_smooth_relief(self, target):
         shifted = self.written(target, effect("stitching", shift_x_um=0.1, seam_um=-100.0))
