@@ -67,6 +67,37 @@ def test_a_finer_recording_is_averaged():
     np.testing.assert_allclose(laid.heights_um, 0.5, atol=1e-9)
 
 
+def recorded(surface, pitch_um, size_um=24.0, fine=8):
+    """Return a recording of z = surface(x, y) whose pixels are means, and its surface ready to be read."""
+    count = round(size_um / pitch_um)
+    line = (np.arange(count * fine) - (count * fine - 1) / 2) * pitch_um / fine
+    heights = surface(line, -line[:, None]).reshape(count, fine, count, fine).mean(axis=(1, 3))
+    return prepared(HeightMap(heights, pitch_um, pitch_um), np.ones((count, count), bool))
+
+
+@pytest.mark.parametrize("pitch_um", [0.2, 0.24, 0.3, 0.375, 0.4])
+def test_a_pixel_read_from_means_is_the_mean_over_the_targets_own(pitch_um):
+    """Of a parabola: z(0) + a·p²/12 + b·p²/12 at every place, whatever the recording's pitch."""
+    target, turned = HeightMap(np.zeros((20, 20)), 0.4, 0.4), Pose.rigid((0.13, -0.21), 7.0)
+    surface = recorded(lambda x, y: 0.3 * x**2 - 0.1 * y**2 + 0.2 * x * y, pitch_um, fine=40)
+    laid = resample(surface, surface.support > 0, target, turned)
+    x, y = turned.to_recording(*np.meshgrid(target.x_um, target.y_um))
+    expected = 0.3 * x**2 - 0.1 * y**2 + 0.2 * x * y + (0.3 - 0.1) * 0.4**2 / 12
+    np.testing.assert_allclose(laid.heights_um[8:12, 8:12], expected[8:12, 8:12], atol=2e-5)
+
+
+@pytest.mark.parametrize("pitch_um", [0.2, 0.3, 0.4])
+def test_a_wall_leaves_no_trace_three_pixels_away(pitch_um):
+    """A spline rang there by ten nanometres and more."""
+    target, turned = HeightMap(np.zeros((30, 30)), 0.4, 0.4), Pose.rigid((0.1, 0.05), 3.0)
+    surface = recorded(lambda x, y: 5.0 * ((np.abs(x) < 3) & (np.abs(y) < 3)), pitch_um)
+    laid = resample(surface, surface.support > 0, target, turned).heights_um
+    x, y = turned.to_recording(*np.meshgrid(target.x_um, target.y_um))
+    outside = np.maximum(np.abs(x), np.abs(y)) - 3
+    np.testing.assert_allclose(laid[outside < -1.2], 5.0, atol=1e-12)
+    np.testing.assert_allclose(laid[outside > 1.2], 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize(("lost", "kept"), [(1, True), (3, False)])
 def test_a_pixel_needs_half_of_it_inside_what_was_measured(lost, kept):
     """Of the first target pixel's four columns some lie outside the hull."""

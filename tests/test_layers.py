@@ -17,7 +17,7 @@ LAYERS = [
     {"heightmap"},
     {"parameters"},
     {"rasterise", "bisection", "walls"},
-    {"smoothing", "missing", "mesh", "noise", "score", "transfer", "parallel"},
+    {"smoothing", "interpolation", "missing", "mesh", "noise", "score", "transfer", "parallel"},
     {"uneven"},
     {"model", "designs", "whitening"},
     {"effects"},

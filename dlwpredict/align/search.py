@@ -135,7 +135,7 @@ def search(recording: Surface, target: Surface, *, angle_step_deg: float = ANGLE
         scene = _Scene(*view, room=frame[0].shape[0] * 3 // 4)
         for angle in np.arange(0, 360, angle_step_deg):
             turned = Pose.rigid((0, 0), -angle).to_recording(*frame)
-            template, support = blurred.at(*turned, order=1)
+            template, support = blurred.at(*turned, "linear")
             r, shared = scene.correlate(template, support > 0.5)
             evidence = np.where(r > 0, -0.5 * shared / area * np.log1p(-(np.clip(r, 0, 0.9999) ** 2)), 0.0)
             for row, col in _tops(evidence):

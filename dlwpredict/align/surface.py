@@ -1,4 +1,4 @@
-"""A map ready to be read anywhere: gaps filled, cubic spline, and how much of each reading was measured."""
+"""A map ready to be read anywhere: gaps filled, and how much of each reading was measured."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
+
+from dlwpredict.interpolation import read_locally
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +53,23 @@ class Surface:
     def _spline(self) -> np.ndarray:
         return ndimage.spline_filter(self.heights_um, order=3, mode="mirror")
 
-    def at(self, x_um: np.ndarray, y_um: np.ndarray, *, order: int = 3) -> tuple[np.ndarray, np.ndarray]:
-        """Read heights (spline of this order, 1 or 3) and support at points from the centre; no support outside."""
+    def at(self, x_um: np.ndarray, y_um: np.ndarray, how: str = "spline") -> tuple[np.ndarray, np.ndarray]:
+        """Read heights and support at points from the centre; no support outside.
+
+        Parameters
+        ----------
+        x_um, y_um : numpy.ndarray
+        how : {"spline", "local", "linear"}
+            Of third order; a spline is smoother and more exact on waves of few pixels, and rings several pixels deep at
+            walls, the cubic convolution takes no pixel farther away than two.
+        """
         rows, cols = self.heights_um.shape
         place = np.array([(rows - 1) / 2 - y_um / self.dy_um, (cols - 1) / 2 + x_um / self.dx_um])
-        source = self._spline if order == 3 else self.heights_um
-        heights = ndimage.map_coordinates(source, place, order=order, mode="mirror", prefilter=False)
+        if how == "local":
+            heights = read_locally(self.heights_um, place)
+        else:
+            source, order = (self._spline, 3) if how == "spline" else (self.heights_um, 1)
+            heights = ndimage.map_coordinates(source, place, order=order, mode="mirror", prefilter=False)
         support = ndimage.map_coordinates(self.support, place, order=1, mode="nearest")
         inside = (np.abs(x_um) <= cols * self.dx_um / 2) & (np.abs(y_um) <= rows * self.dy_um / 2)
         return heights, np.where(inside, support, 0.0)

@@ -8,8 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.effects.base import MapEffect
-from dlwpredict.effects.plane import centroid_um, nearest, pixel_of, read_locally
+from dlwpredict.effects.plane import centroid_um, nearest, pixel_of
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.interpolation import read_locally
 from dlwpredict.parameters import declare
 
 _HALVINGS = 28
