@@ -2,7 +2,8 @@
 
 Covariance over distance d: σ_n²·[d = 0] + σ_c²·M_ν(d/ℓ), a nugget and a Matérn covariance of smoothness ν: 1/2, 3/2,
 5/2, or infinite (a Gaussian), whichever the map prefers. With ν fixed at 3/2, noise that an instrument has smoothed
-would be taken for noise of three times its length.
+would be taken for noise of three times its length. A recording that was read between its pixels has no white noise any
+more: neighbours share some of theirs. Its nugget is a Gaussian of a fraction of a pixel, the grain.
 
 Pixels that do not count are never filled with zeros and then filtered: products with the covariance are restricted to
 the pixels that count, and its inverse is solved for on these alone.
@@ -21,6 +22,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 from dlwpredict.errors import ResultError
 
 SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
+
+PURE = 0.1
+"""Share of a smeared nugget's variance that stays white, so that whitening stays well-conditioned."""
 
 FLOOR = 0.03
 """Least white share of the standard deviation: no map is smoother, and whitening stays well-conditioned."""
@@ -45,7 +49,7 @@ class Noise:
     Parameters
     ----------
     white_um : float
-        Standard deviation of the part without correlation, µm.
+        Standard deviation of the part without correlation, or with the grain's only, µm.
     correlated_um : float
         Standard deviation of the correlated part, µm.
     length_um : float
@@ -56,6 +60,8 @@ class Noise:
         ν: 0.5, 1.5, 2.5 or inf.
     noise_from : str
         How it was estimated.
+    grain_um : float
+        Standard deviation of the Gaussian that the white part's covariance is, µm; 0: it is white.
 
     Examples
     --------
@@ -70,20 +76,35 @@ class Noise:
     dy_um: float
     smoothness: float = 1.5
     noise_from: str = "given"
+    grain_um: float = 0.0
 
     @property
     def sigma_um(self) -> float:
         """Standard deviation of one pixel, µm."""
         return float(np.hypot(self.white_um, self.correlated_um))
 
+    @property
+    def pitch_um(self) -> float:
+        """Side of a square of a pixel's area, µm."""
+        return float(np.sqrt(self.dx_um * self.dy_um))
+
+    def at(self, distance_um: np.ndarray) -> np.ndarray:
+        """Return the covariance at a distance, µm².
+
+        Examples
+        --------
+        >>> Noise(2.0, 0.0, 1.0, 0.4, 0.4, grain_um=0.4).at(np.array([0.0, 0.4])).round(2).tolist()
+        [4.0, 2.18]
+        """
+        same = distance_um == 0
+        grain = PURE * same + (1 - PURE) * matern(distance_um, self.grain_um, np.inf) if self.grain_um else same
+        return self.correlated_um**2 * matern(distance_um, self.length_um, self.smoothness) + self.white_um**2 * grain
+
     def covariance(self, shape: tuple[int, int]) -> np.ndarray:
         """Return the covariance with pixel (0, 0) on a periodic grid, µm², shape ``shape``."""
         rows, cols = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
         quarter = np.hypot(np.arange(rows.max() + 1)[:, None] * self.dy_um, np.arange(cols.max() + 1) * self.dx_um)
-        correlation = matern(quarter, self.length_um, self.smoothness)
-        value = self.correlated_um**2 * correlation[np.ix_(rows, cols)]
-        value[0, 0] += self.white_um**2
-        return value
+        return self.at(quarter)[np.ix_(rows, cols)]
 
     def times(self, maps: np.ndarray) -> np.ndarray:
         """Return covariance × map, exactly, shape (..., rows, cols); pixels that do not count must be 0."""

@@ -19,19 +19,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve_triangular
 
-from dlwpredict.noise import Noise, matern
+from dlwpredict.noise import Noise
 from dlwpredict.uneven import Uneven
 
 NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
 """Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones."""
 
 _CHUNK = 4000
-
-
-def covariance(noise: Noise, distance_um: np.ndarray) -> np.ndarray:
-    """Return the noise's covariance at a distance, µm²."""
-    correlated = noise.correlated_um**2 * matern(distance_um, noise.length_um, noise.smoothness)
-    return correlated + np.where(distance_um == 0, noise.white_um**2, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +99,7 @@ class Neighbourhood:
         """Return the coefficients b (points, neighbours) and the variances v (points,)."""
         patterns, place = self.patterns
         lags = np.linalg.norm(self.lags_um[:, None] - self.lags_um, axis=-1)
-        between, towards = covariance(noise, lags), covariance(noise, np.linalg.norm(self.lags_um, axis=-1))
+        between, towards = noise.at(lags), noise.at(np.linalg.norm(self.lags_um, axis=-1))
         own = noise.sigma_um**2
         coefficients = np.empty(patterns.shape)
         for first in range(0, len(patterns), _CHUNK):

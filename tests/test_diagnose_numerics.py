@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
+from dlwpredict.align.pose import Pose
+from dlwpredict.align.resample import prepared, resample
 from dlwpredict.calibrate.recordings import prepare
 from dlwpredict.diagnose.baseline import discretisation_um
 from dlwpredict.diagnose.candidates import candidates
@@ -230,8 +232,20 @@ def test_kind_of_correlation_is_recognised():
     for kind in (1.5, np.inf):
         noise = Noise(0.004, 0.015, 1.2, 0.4, 0.4, kind)
         found = estimate(noise.simulate(used.shape, rng), used, (0.4, 0.4), level).model
-        assert found.even.smoothness == kind
+        assert (found.even.smoothness, found.even.grain_um) == (kind, 0)
         assert found.even.length_um == pytest.approx(1.2, rel=0.25)
+
+
+def test_white_noise_that_was_read_between_its_pixels_is_known_by_its_grain():
+    """Taken for white, it may make the noise beside it rougher and longer: a null was called unexplained for it."""
+    rng, target, used = np.random.default_rng(8), HeightMap(np.zeros((110, 110)), 0.4, 0.4), np.ones((110, 110), bool)
+    raw = Noise(0.004, 0.008, 3.0, 0.37, 0.37, np.inf).simulate((150, 150), rng)
+    surface = prepared(HeightMap(raw, 0.37, 0.37), np.ones(raw.shape, bool))
+    laid = resample(surface, surface.support > 0, target, Pose.rigid((0.1, 0.07), 3.0)).heights_um
+    found = estimate(laid, used, (0.4, 0.4), np.ones((1, *used.shape))).model.even
+    assert found.grain_um == pytest.approx(0.2)
+    assert found.smoothness == np.inf
+    assert found.length_um == pytest.approx(3.0, rel=0.15)
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlwpredict.noise import SMOOTHNESSES, Noise, estimate, matern, scatter
+from dlwpredict.noise import PURE, SMOOTHNESSES, Noise, estimate, matern, scatter
 from dlwpredict.whitening import Neighbourhood
 
 MODEL = Noise(white_um=0.005, correlated_um=0.02, length_um=1.5, dx_um=0.4, dy_um=0.5)
@@ -104,6 +104,15 @@ def test_draws_have_the_models_covariance():
     assert draws.std() == pytest.approx(MODEL.sigma_um, rel=0.03)
     beside = np.mean(draws[:, 5, 5] * draws[:, 5, 8])
     assert beside == pytest.approx(MODEL.correlated_um**2 * matern(np.array(1.2), 1.5), rel=0.12)
+
+
+def test_a_grain_smears_the_white_part_and_leaves_its_size():
+    grainy = Noise(0.3, 0.5, 1.2, 0.4, 0.7, grain_um=0.3)
+    assert grainy.at(np.array(0.0)) == pytest.approx(grainy.sigma_um**2)
+    correlated = 0.25 * matern(np.array(0.4), 1.2)
+    shared = (1 - PURE) * 0.09 * np.exp(-((0.4 / 0.3) ** 2) / 2)
+    assert grainy.at(np.array(0.4)) == pytest.approx(correlated + shared)
+    assert grainy.covariance((9, 8))[0, 1] == pytest.approx(correlated + shared)
 
 
 @pytest.mark.parametrize("smoothness", SMOOTHNESSES)

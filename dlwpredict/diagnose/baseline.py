@@ -15,10 +15,11 @@ from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.calibrate.trace import Trace, trace
 from dlwpredict.diagnose.fit import bare
 from dlwpredict.diagnose.freeform import smooth_forms
-from dlwpredict.diagnose.noise_fit import SMOOTHNESSES, NoiseEstimate, estimate
+from dlwpredict.diagnose.noise_fit import GRAINS_PX, SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
+from dlwpredict.noise import Noise
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict, run
@@ -73,14 +74,14 @@ def noises(
     repeats : sequence of sequence of HeightMap
         Further recordings of the same print, on the same grid, for each recording; may be empty.
     like : sequence of NoiseEstimate, optional
-        Earlier estimates, whose kind of correlation is kept.
+        Earlier estimates, whose kind of correlation and grain are kept.
     slopes : sequence of numpy.ndarray, shape (rows, cols), optional
         |∇f| of each recording, on which its noise may hang.
     seed : int
         Of the drawn noise.
     workers : Workers
     """
-    kinds = [(known.model.even.smoothness,) for known in like] if like else [SMOOTHNESSES] * len(recordings)
+    kinds = [_kinds(known.model.even) for known in like] if like else [(SMOOTHNESSES, GRAINS_PX)] * len(recordings)
     jobs = []
     for recording, residual, design, others, kind, slope in zip(
         recordings, residuals_um, designs, repeats, kinds, slopes or [0.0] * len(recordings), strict=True
@@ -94,18 +95,23 @@ def noises(
     return workers.each(_noise, jobs)
 
 
+def _kinds(known: Noise) -> tuple[tuple[float], tuple[float]]:
+    """Return the smoothness and the grain (pixels) of a noise that is known."""
+    return (known.smoothness,), (known.grain_um / known.pitch_um,)
+
+
 def _noise(
     residual_um: np.ndarray,
     used: np.ndarray,
     pitch_um: tuple[float, float],
     design: np.ndarray,
-    kinds: Sequence[float],
+    kinds: tuple[Sequence[float], Sequence[float]],
     slope: np.ndarray | float,
     source: str,
     seed: int,
 ) -> NoiseEstimate:
     forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, kinds, slope=slope, source=source, seed=seed)
+    return estimate(residual_um, used, pitch_um, forms, *kinds, slope=slope, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

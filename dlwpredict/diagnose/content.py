@@ -36,6 +36,7 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
                 "correlated_um": _short(n.model.even.correlated_um),
                 "length_um": _short(n.model.even.length_um),
                 "smoothness": float(n.model.even.smoothness),
+                "grain_um": _short(n.model.even.grain_um),
                 "jitter_um": _short(n.model.jitter_um),
                 "row_um": _short(n.model.row_um),
                 "column_um": _short(n.model.column_um),

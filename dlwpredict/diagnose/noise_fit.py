@@ -28,6 +28,10 @@ SMOOTHNESSES = (0.5, 1.5, np.inf)
 """Kinds of correlation that are tried: a rough one, Matérn's, a Gaussian. Taken for Matérn's, noise that an instrument
 has smoothed would come out three times as long."""
 
+GRAINS_PX = (0.0, 0.5, 0.7, 1.0)
+"""Grains that are tried one after the other, as long as the noise gets likelier. White noise read between its pixels by
+cubic convolution has 0.5 where the recording is 0.9 times as coarse as the map, 0.7 where it is 1.2 times."""
+
 POWERS = (1.0, 2.0)
 """Ways in which noise may grow on slopes: in proportion, and by a jitter that is independent of it."""
 
@@ -82,6 +86,7 @@ def estimate(
     pitch_um: tuple[float, float],
     smooth: np.ndarray,
     kinds: Sequence[float] = SMOOTHNESSES,
+    grains_px: Sequence[float] = GRAINS_PX,
     *,
     slope: np.ndarray | float = 0.0,
     source: str = "residual",
@@ -103,6 +108,8 @@ def estimate(
         What may be in the values besides noise.
     kinds : sequence of float
         Smoothnesses of the correlation that are tried.
+    grains_px : sequence of float
+        Grains of the white part that are tried, in pixels.
     slope : numpy.ndarray, shape (rows, cols), or 0
         |∇f| of the surface.
     source : str
@@ -113,18 +120,18 @@ def estimate(
     every = Neighbourhood.of(used, *pitch_um, near_px=2, far_px=(4, 8, 16))
     draw = np.random.default_rng(seed)
     likelihood = _Likelihood(every[_some(np.arange(len(y)), SEARCHED_POINTS, draw)], y[:, None], design)
-    model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds)
+    model, place = _searched(likelihood, Noise(1.0, 1.0, 1.0, *pitch_um, noise_from=source), kinds, grains_px)
     even = Evened(y, design, (lines(used, 0), lines(used, 1)), np.broadcast_to(slope, used.shape)[used])
     for step in (_along_lines, _along_lines, _on_slopes):
         found = step(even, every.whitener(model))
         if found is not even:
             even = found
             likelihood = replace(likelihood, values_um=even.of(y[:, None]), design=even.of(design))
-            model, place = _searched(likelihood, model, kinds)
+            model, place = _searched(likelihood, model, kinds, grains_px)
     quiet = _quiet(every, likelihood.values_um[:, 0], used, model)
     if len(quiet) < len(y):
         likelihood = replace(likelihood, chosen=every[_some(quiet, SEARCHED_POINTS, draw)])
-        model, place = _searched(likelihood, model, (model.smoothness,))
+        model, place = _searched(likelihood, model, (model.smoothness,), (model.grain_um / model.pitch_um,))
     likelihood = replace(likelihood, chosen=every[_some(quiet, MOST_POINTS, draw)])
     for _ in range(RECENTRED):
         start = place
@@ -158,9 +165,22 @@ def _some(points: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray
     return np.sort(rng.choice(points, most, replace=False)) if len(points) > most else points
 
 
-def _searched(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> tuple[Noise, np.ndarray]:
+def _searched(
+    likelihood: _Likelihood, like: Noise, kinds: Sequence[float], grains_px: Sequence[float]
+) -> tuple[Noise, np.ndarray]:
     """Return the most likely model, over the kinds of correlation too, and its place."""
-    pitch = float(np.sqrt(like.dx_um * like.dy_um))
+    best = np.inf
+    for grain in grains_px:
+        deviance, *found = _of_grain(likelihood, replace(like, grain_um=grain * like.pitch_um), kinds)
+        if deviance >= best:
+            break
+        best, (model, place) = deviance, found
+    return model, place
+
+
+def _of_grain(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> tuple[float, Noise, np.ndarray]:
+    """Return −2 ln L of the most likely model of one grain, the model, and its place."""
+    pitch = like.pitch_um
     longest = pitch * np.sqrt(len(likelihood.values_um)) / 6
     lengths = np.minimum(pitch * np.array([1.0, 3.0, 9.0]), longest)
     grid = [np.array([share, np.log(length)]) for share in (-1.0, 2.0) for length in lengths]
@@ -183,7 +203,7 @@ def _searched(likelihood: _Likelihood, like: Noise, kinds: Sequence[float]) -> t
             _, scale = likelihood.profiled(_at(template, np.array([*found.x, 0.0])))
             place = np.array([*found.x, np.log(scale[0])])
             model = _at(template, place)
-    return model, place
+    return best, model, place
 
 
 def _weak_prior(place: np.ndarray, pitch_um: float) -> float:
@@ -256,7 +276,7 @@ def _repeated(
     drawn = np.stack([model.simulate(used.shape, rng)[used] for _ in range(REPLICATES)], axis=1)
     drawn = even.beside_lines(drawn)
     every = replace(likelihood, values_um=np.column_stack([likelihood.values_um, drawn]))
-    pitch = float(np.sqrt(model.dx_um * model.dy_um))
+    pitch = model.pitch_um
 
     def deviances(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         pairs = [every.profiled(_at(model, np.array([*(place[:2] + step), 0.0]))) for step in steps]

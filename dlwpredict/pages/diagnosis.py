@@ -65,7 +65,7 @@ def write_page(
     path : pathlib.Path
     content : dict
         As written to diagnosis.yaml. Also shown where present: ``sentence``; ``noise_from``; ``noise``, a list of
-        {white_um, correlated_um, length_um, smoothness}, one per recording; ``holdout_by``, how data were left out;
+        {white_um, correlated_um, length_um, ...}, one per recording; ``holdout_by``, how data were left out;
         ``tests``, a list of {name, p_value, statement}; ``alternatives`` of a finding, a list of {name, loss}.
     maps : sequence of PairMaps
         In the order of the pairs.
