@@ -8,13 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlwpredict import designs
+from dlwpredict.align import align
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
-from tests.press import Microscope, Press, measure, microscope_from, press_from, print_part
+from tests.press import Microscope, Press, Recording, measure, microscope_from, press_from, print_part
 
 PITCH_UM = 0.4
 FINER = 3
 """The press prints the target's pixels as squares of this many pixels a side, which resolve its focus."""
+
+RAW_PITCH_UM = 0.25, 0.5
+"""Pitches of raw recordings: finer and coarser than the target's."""
 
 STRUCTURES = {
     "cin": {"size_um": 46.0},
@@ -89,6 +93,10 @@ class Case:
         Correlated noise (standard deviation, correlation length) and white noise.
     seed : int
         Of process, pose and noise.
+    base : mapping
+        Of the press, besides.
+    raw : bool
+        Recorded on pixels of the microscope's own, turned, shifted and tilted, and aligned by the program.
     """
 
     effects: tuple[Mapping, ...] = ()
@@ -99,6 +107,7 @@ class Case:
     white_um: float = 0.004
     seed: int = 0
     base: Mapping = field(default_factory=dict)
+    raw: bool = False
 
 
 def target(kind: str) -> HeightMap:
@@ -118,11 +127,19 @@ def press_of(case: Case):
 
 
 def microscope_of(case: Case, part: HeightMap, rng: np.random.Generator) -> Microscope:
-    """Return the microscope: the target's own grid, a pose that an alignment would have left."""
-    pose = {"shift_um": rng.normal(0, 0.03, 2).tolist(), "rotation_deg": float(rng.normal(0, 0.02))}
-    rows, cols = part.shape
+    """Return the microscope: the target's own grid and a pose that an alignment would have left, or a raw one."""
+    if case.raw:
+        pitch_um = float(rng.uniform(*RAW_PITCH_UM))
+        pose = {
+            "shift_um": rng.uniform(-1.5, 1.5, 2).tolist(), "rotation_deg": float(rng.uniform(-4, 4)),
+            "tilt_mrad": rng.uniform(-5, 5, 2).tolist(), "offset_um": float(rng.uniform(-1, 1)),
+        }  # fmt: skip
+        grid = {"pitch_um": [pitch_um] * 2, "pixels": [int(1.2 * size / pitch_um) for size in part.size_um]}
+    else:
+        pose = {"shift_um": rng.normal(0, 0.03, 2).tolist(), "rotation_deg": float(rng.normal(0, 0.02))}
+        grid = {"pitch_um": [part.dx_um, part.dy_um], "pixels": list(part.shape[::-1])}
     return microscope_from({
-        "pitch_um": [part.dx_um, part.dy_um], "pixels": [cols, rows], "pose": pose,
+        **grid, "pose": pose,
         "noise": {"sigma_um": case.sigma_um, "correlation_um": case.correlation_um, "white_um": case.white_um},
         "effects": list(case.artefacts),
     })  # fmt: skip
@@ -131,18 +148,28 @@ def microscope_of(case: Case, part: HeightMap, rng: np.random.Generator) -> Micr
 def recorded(case: Case) -> list[tuple[HeightMap, HeightMap]]:
     """Print and record every structure: pairs of target and recording on one grid."""
     rng = np.random.default_rng([case.seed, 2])
-    press, pairs = press_of(case), []
+    press, pairs, look = press_of(case), [], aligned if case.raw else seen
     for k, kind in enumerate(case.structures):
         part = target(kind)
-        pairs.append((part, seen(part, press, microscope_of(case, part, rng), seed=1000 * case.seed + k)))
+        pairs.append((part, look(part, press, microscope_of(case, part, rng), seed=1000 * case.seed + k)))
     return pairs
+
+
+def aligned(part: HeightMap, press: Press, microscope: Microscope, *, seed: int = 0) -> HeightMap:
+    """Print a target, record it on the microscope's pixels and align the recording."""
+    found = _recorded(part, press, microscope, seed, FINER)
+    return align(HeightMap(found.heights, found.dx_um, found.dy_um), part).aligned
 
 
 def seen(part: HeightMap, press: Press, microscope: Microscope, *, seed: int = 0, finer: int = FINER) -> HeightMap:
     """Print a target on pixels so many times finer and record it on its own grid."""
+    return part.with_heights(_recorded(part, press, microscope, seed, finer).heights)
+
+
+def _recorded(part: HeightMap, press: Press, microscope: Microscope, seed: int, finer: int) -> Recording:
     heights = np.kron(part.heights_um, np.ones((finer, finer)))
     dx, dy = part.dx_um / finer, part.dy_um / finer
-    return part.with_heights(measure(print_part(heights, dx, dy, press), dx, dy, microscope, seed=seed).heights)
+    return measure(print_part(heights, dx, dy, press), dx, dy, microscope, seed=seed)
 
 
 def by_machine(effects: Sequence[Mapping]) -> tuple[tuple[Mapping, ...], tuple[Mapping, ...]]:

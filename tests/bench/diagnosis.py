@@ -1,6 +1,6 @@
 """Diagnosis against concealed truth: false alarms, names, classes, sides, effects outside the library, held-out gain.
 
-Run as ``python -m tests.bench.diagnosis RUN_DIR [--nulls 20 --singles 1 --pairs 8 --outside 1 --absorbed 1]``;
+Run as ``python -m tests.bench.diagnosis RUN_DIR [--nulls 20 --singles 1 --raw-nulls 20 ...]``;
 `make bench-diagnose` does. Every case is printed on the virtual press, recorded, and diagnosed from the recordings
 alone; what was concealed is looked at afterwards. A case that has its JSON in RUN_DIR is not run again.
 """
@@ -77,6 +77,13 @@ def cases(chosen: argparse.Namespace, known: Mapping) -> Iterable[tuple[str, Cas
             f"null-{k:02d}",
             Case(sigma_um=float(rng.uniform(0.006, 0.03)), correlation_um=2.5 if strongly else 0.7, seed=1000 + k),
         )
+    raw = np.random.default_rng([chosen.seed, 1])
+    for k in range(chosen.raw_nulls):
+        noise = {"sigma_um": float(raw.uniform(0.006, 0.03)), "correlation_um": 2.5 if k % 2 else 0.7}
+        yield f"raw-null-{k:02d}", Case(**noise, seed=6000 + k, raw=True)
+    for k in range(chosen.raw_singles):
+        for j, name in enumerate(named):
+            yield f"raw-single-{name}-{k}", case_of(strong(name, known[name], 2), seed=2000 + 100 * k + j, raw=True)
     for k in range(chosen.singles):
         for j, name in enumerate(named):
             yield f"single-{name}-{k}", case_of(strong(name, known[name], 2), seed=2000 + 100 * k + j)
@@ -128,6 +135,12 @@ def table(folder: Path, known: Mapping) -> None:
             print(f"{label:58s} {sum(hits):3d} of {len(hits):3d} = {np.mean(hits):6.1%}   wanted {wanted}")
 
     nulls, singles = of("null"), of("single")
+    raw = of("raw-single")
+    rate("raw recordings, aligned: nulls: anything said", [c["verdict"] != "none" for c in of("raw-null")], "<= 5 %")
+    rate("  singles at twice the limit: found", [c["verdict"] != "none" for c in raw], "")
+    rate(
+        "  truth in a named class", [any(c["truth"][0]["name"] in f["effects"] for f in c["findings"]) for c in raw], ""
+    )
     rate("nulls: anything said", [c["verdict"] != "none" for c in nulls], "<= 5 %")
     heard = [c for c in singles if c["verdict"] != "none"]
     rate("singles at twice the limit: found", [c["verdict"] != "none" for c in singles], ">= 95 %")
@@ -180,7 +193,8 @@ def main() -> None:
     """Run what is missing, then print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    for name, count in (("nulls", 20), ("singles", 1), ("pairs", 8), ("outside", 1), ("absorbed", 1)):
+    counts = {"nulls": 20, "singles": 1, "pairs": 8, "outside": 1, "absorbed": 1, "raw-nulls": 20, "raw-singles": 1}
+    for name, count in counts.items():
         parser.add_argument(f"--{name}", type=int, default=count)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
