@@ -33,6 +33,9 @@ GRAINS_PX = (0.0, 0.4, 0.5, 0.6, 0.7, 0.9, 1.2)
 0, 4, 12, 22, 32, 49, 64 %. Read between its pixels by cubic convolution, they share 12 % where the recording is 0.9
 times as coarse as the map, 35 % where it is 1.2 times, 69 % where it is twice."""
 
+CHANCE = 3.84
+"""A coarser grain is taken where −2 ln L of the points looked at falls by more: by chance in 5 % of cases."""
+
 POWERS = (1.0, 2.0)
 """Ways in which noise may grow on slopes: in proportion, and by a jitter that is independent of it."""
 
@@ -173,7 +176,7 @@ def _searched(
     best = np.inf
     for grain in grains_px:
         deviance, *found = _of_grain(likelihood, replace(like, grain_um=grain * like.pitch_um), kinds)
-        if deviance >= best:
+        if deviance > best - CHANCE * likelihood.share:
             break
         best, (model, place) = deviance, found
     return model, place
@@ -235,13 +238,17 @@ class _Likelihood:
         """Values and design side by side, shape (points, maps + columns)."""
         return np.column_stack([self.values_um, self.design])
 
+    @property
+    def share(self) -> float:
+        """All points over those looked at."""
+        return len(self.values_um) / len(self.chosen.own)
+
     def profiled(self, model: Noise) -> tuple[np.ndarray, np.ndarray]:
         """Return −2 ln L of every map, up to a constant, at the best multiple of a model, and that multiple.
 
         All terms are scaled from the chosen points up to all points: the design is one and is not scaled.
         """
         maps, points = self.values_um.shape[1], len(self.chosen.own)
-        share = len(self.values_um) / points
         white, variances = self.chosen.whitened(self.together, model)
         values, columns = white[:, :maps], white[:, maps:]
         energies, turn = np.linalg.eigh(columns.T @ columns)
@@ -249,7 +256,7 @@ class _Likelihood:
         along = (turn[:, real] / np.sqrt(energies[real])).T @ (columns.T @ values)
         rank = int(real.sum())
         square = (np.sum(values**2, axis=0) - np.sum(along**2, axis=0)) / (points - rank)
-        logs = share * np.log(variances).sum() + np.log(energies[real]).sum()
+        logs = self.share * np.log(variances).sum() + np.log(energies[real]).sum()
         return logs + (len(self.values_um) - rank) * np.log(square), np.sqrt(square)
 
 
