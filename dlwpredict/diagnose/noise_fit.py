@@ -29,12 +29,12 @@ SMOOTHNESSES = (0.5, 1.5, np.inf)
 has smoothed would come out three times as long."""
 
 GRAINS_PX = (0.0, 0.4, 0.5, 0.6, 0.7, 0.9, 1.2)
-"""Grains that are tried one after the other, as long as the noise gets likelier: of white noise, neighbours then share
-0, 4, 12, 22, 32, 49, 64 %. Read between its pixels by cubic convolution, they share 12 % where the recording is 0.9
-times as coarse as the map, 35 % where it is 1.2 times, 69 % where it is twice."""
+"""Grains that are tried, all of them: beside one too fine, noise of a wrong kind may be the likelier one. Of white
+noise, neighbours then share 0, 4, 12, 22, 32, 49, 64 %. Read between its pixels by cubic convolution, they share 12 %
+where the recording is 0.9 times as coarse as the map, 35 % where it is 1.2 times, 69 % where it is twice."""
 
 CHANCE = 3.84
-"""A coarser grain is taken where −2 ln L of the points looked at falls by more: by chance in 5 % of cases."""
+"""A grain is taken where −2 ln L of the points looked at falls by more: by chance in 5 % of cases."""
 
 POWERS = (1.0, 2.0)
 """Ways in which noise may grow on slopes: in proportion, and by a jitter that is independent of it."""
@@ -176,9 +176,9 @@ def _searched(
     best = np.inf
     for grain in grains_px:
         deviance, *found = _of_grain(likelihood, replace(like, grain_um=grain * like.pitch_um), kinds)
-        if deviance > best - CHANCE * likelihood.share:
-            break
-        best, (model, place) = deviance, found
+        deviance += CHANCE * likelihood.share if grain else 0
+        if deviance < best:
+            best, (model, place) = deviance, found
     return model, place
 
 
