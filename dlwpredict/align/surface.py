@@ -60,8 +60,8 @@ class Surface:
         ----------
         x_um, y_um : numpy.ndarray
         how : {"spline", "local", "linear"}
-            Of third order; a spline is smoother and more exact on waves of few pixels, and rings several pixels deep at
-            walls, the cubic convolution takes no pixel farther away than two.
+            A cubic spline, more exact on waves of few pixels, rings several pixels deep at walls; cubic convolution, of
+            third order too, takes no pixel farther away than two.
         """
         rows, cols = self.heights_um.shape
         place = np.array([(rows - 1) / 2 - y_um / self.dy_um, (cols - 1) / 2 + x_um / self.dx_um])
