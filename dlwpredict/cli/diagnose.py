@@ -120,7 +120,7 @@ def extended(found: Diagnosis) -> ParameterSet:
         if side(item.names) == "undecided"
     ]
     fitted = found.extended.fit
-    return replace(fitted.parameters, undecided=tuple(open_ones), intervals=fitted.intervals())
+    return replace(fitted.parameters, undecided=tuple(open_ones), intervals=found.null.intervals(fitted))
 
 
 def cautions(found: Diagnosis, content: dict[str, Any]) -> list[str]:

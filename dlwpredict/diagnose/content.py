@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from dlwpredict.diagnose import words
 from dlwpredict.diagnose.competitor import LEVEL
-from dlwpredict.diagnose.fit import Fit
 from dlwpredict.diagnose.naming import Named, strengths
 from dlwpredict.diagnose.run import Diagnosis, Model
 from dlwpredict.diagnose.screen import POWER, Screen
@@ -78,8 +78,8 @@ def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
     return {
         "effects": item.names,
         "side": words.side(item.names),
-        "statement": words.statement(item),
-        "parameters": {effect.name: _strengths(fitted, effect) for effect, fitted in members},
+        "statement": words.statement(item, found.null.intervals(model)),
+        "parameters": {effect.name: _strengths(effect, found.null.intervals(fitted)) for effect, fitted in members},
         "p_value": _short(item.p_value),
         "gain": _short(item.gain),
         "alternatives": [{"name": other.effect.name, "loss": _short(other.loss)} for other in item.alternatives],
@@ -92,8 +92,8 @@ def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
     }
 
 
-def _strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, Any]]:
-    found = strengths(fitted, effect)
+def _strengths(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
+    found = strengths(effect, intervals)
     return {
         name: {key: _short(v) if key != "unit" else v for key, v in values.items()} for name, values in found.items()
     }
@@ -104,7 +104,7 @@ def _model(model: Model, found: Diagnosis) -> dict[str, Any]:
     units, vector = fittable(fitted.parameters), fitted.point.vector
     values = {
         name: {"value": _short(vector[k]), "low": _short(low), "high": _short(high), "unit": units[name].unit}
-        for k, (name, (low, high)) in enumerate(fitted.intervals().items())
+        for k, (name, (low, high)) in enumerate(found.null.intervals(fitted).items())
     }
     return {
         "rmse_um": _short(fitted.rmse_um()),

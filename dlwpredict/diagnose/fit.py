@@ -109,19 +109,16 @@ class Fit:
         values = np.concatenate([self.residual_um(k)[item.recording.used] for k, item in enumerate(self.data)])
         return float(np.sqrt(np.mean(values**2)))
 
-    def covariance(self) -> np.ndarray:
-        """Return the covariance of the free parameters, nuisances marginalised, shape (parameters, parameters)."""
+    @property
+    def estimators(self) -> np.ndarray:
+        """What the free parameters answer to whitened values, nuisances marginalised, shape (rows, parameters).
+
+        Their lengths are the standard deviations, where the noise is known.
+        """
         beside = self.jacobian - self.nuisances @ (self.nuisances.T @ self.jacobian)
         scale = np.maximum(np.linalg.norm(beside, axis=0), 1e-12)
-        return np.linalg.pinv((beside / scale).T @ (beside / scale), rcond=1e-10, hermitian=True) / np.outer(
-            scale, scale
-        )
-
-    def intervals(self) -> dict[str, tuple[float, float]]:
-        """Return the 95 % interval of every free parameter, inside its bounds."""
-        half = 1.96 * np.sqrt(np.diag(self.covariance()))
-        low, high = self.free.cut(self.point.vector - half, self.point.vector + half)
-        return {name: (float(a), float(b)) for name, a, b in zip(self.free.names, low, high, strict=True)}
+        beside /= scale
+        return beside @ np.linalg.pinv(beside.T @ beside, rcond=1e-10, hermitian=True) / scale
 
 
 def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, known: Point | None = None) -> Fit:

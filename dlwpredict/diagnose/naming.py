@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,9 +100,9 @@ def _named(search: Search, model: Fit, effect: Effect) -> Named:
     return Named(effect, gain, scores.p_value(z), model, rest, tuple(close))
 
 
-def strengths(fitted: Fit, effect: Effect) -> dict[str, dict[str, float | str]]:
+def strengths(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | str]]:
     """Return value and 95 % interval of every freed parameter of an effect, inside its declared range."""
-    intervals, found = fitted.intervals(), {}
+    found = {}
     for name, (_, declared) in declarations(effect).items():
         place = f"{effect.name}.{name}"
         if place in intervals:

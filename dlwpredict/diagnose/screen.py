@@ -50,6 +50,26 @@ class Null:
         """Return the draws without what a fit of this freedom takes of them, shape (rows, draws)."""
         return self.draws - basis.astype(np.float32) @ self.along(basis)
 
+    def deviations(self, fitted: Fit) -> np.ndarray:
+        """Return the standard deviation of every free parameter of a fit, infinite where nothing tells it.
+
+        What gives a parameter meets what a score meets, noise whose model is an estimate and numerical differences; and
+        what priors leave open.
+        """
+        estimators, below = fitted.estimators, prior_rows(len(fitted.data))
+        lengths = np.linalg.norm(estimators, axis=0)
+        known = lengths > 0
+        unit = estimators / np.where(known, lengths, 1)
+        variances = self.along(unit).var(axis=1) + numerical_scores(fitted.data, unit) ** 2
+        variances += np.sum(unit[-below:] ** 2, axis=0)
+        return np.where(known, lengths * np.sqrt(variances), np.inf)
+
+    def intervals(self, fitted: Fit) -> dict[str, tuple[float, float]]:
+        """Return the 95 % interval of every free parameter, inside its bounds."""
+        half = 1.96 * self.deviations(fitted)
+        low, high = fitted.free.cut(fitted.point.vector - half, fitted.point.vector + half)
+        return {name: (float(a), float(b)) for name, a, b in zip(fitted.free.names, low, high, strict=True)}
+
 
 def _drawn(item: Whitened, noise: NoiseEstimate, seed: Sequence[int]) -> np.ndarray:
     rng, used = np.random.default_rng(seed), item.recording.used
@@ -119,10 +139,7 @@ def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> S
     seen = lengths > 0
     components = null.along(unit)
     noise = np.where(seen, np.maximum(components.std(axis=1), 1e-6), np.inf)
-    points = sum(item.recording.points for item in fitted.data)
-    height_um = np.sqrt(sum(np.sum(part**2, axis=0) for part in unwhitened(fitted.data, unit)) / points)
-    numerical = np.divide(COHERENT_UM, height_um, out=np.zeros_like(height_um), where=seen)
-    spread = np.hypot(noise, numerical)
+    spread = np.hypot(noise, numerical_scores(fitted.data, unit))
     raw = unit.T @ fitted.residual
     allowed = (signs == 0) | (np.sign(raw) == signs)
     nulls = components / noise[:, None]
@@ -136,6 +153,13 @@ def screen(fitted: Fit, columns: np.ndarray, signs: np.ndarray, null: Null) -> S
         columns=unit,
         trials=_trials(np.abs(nulls).max(axis=0)),
     )
+
+
+def numerical_scores(data: Sequence[Whitened], unit: np.ndarray) -> np.ndarray:
+    """Return the score that numerical differences give along whitened columns of length 1 (or 0: none)."""
+    points = sum(item.recording.points for item in data)
+    height_um = np.sqrt(sum(np.sum(part**2, axis=0) for part in unwhitened(data, unit)) / points)
+    return np.divide(COHERENT_UM, height_um, out=np.zeros_like(height_um), where=height_um > 0)
 
 
 def p_of_largest(energy: float, largest: np.ndarray, of: int = 1) -> float:

@@ -155,7 +155,17 @@ class Search:
         The limit is that of one strength; whatever else it moves must bring its own 2 (Akaike 1974).
         """
         name, shapes = grown.parameters.effects[-1].name, len(grown.free.names) - len(model.free.names) - 1
-        return model.chi2 - grown.chi2 - 2 * shapes > self._least(self.screen(model), name) and _inside(grown, name)
+        gain = model.chi2 - grown.chi2 - 2 * shapes
+        return gain > self._least(self.screen(model), name) and self._stands(grown, name)
+
+    def _stands(self, grown: Fit, name: str) -> bool:
+        """Tell whether the 95 % interval of any strength of an effect leaves out its off value."""
+        effect, sd = effect_of(grown, name), self.null.deviations(grown)
+        for switch in effect.switches():
+            k = grown.free.index(f"{name}.{switch}")
+            if k is not None and abs(grown.point.vector[k] - declarations(effect)[switch][0]) > 1.96 * sd[k]:
+                return True
+        return False
 
     def _suffices(self, grown: Fit) -> bool:
         """Tell whether one effect explains all that there is beside the baseline, by scores and by free forms."""
@@ -316,14 +326,3 @@ def _weighed(found: Fit) -> float:
 def _ordered(tried: Mapping[str, Fit]) -> list[str]:
     """Return names, the likeliest first."""
     return sorted(tried, key=lambda name: _weighed(tried[name]))
-
-
-def _inside(fitted: Fit, name: str) -> bool:
-    """Tell whether a 95 % interval of any strength of the effect leaves out its off value."""
-    sd = np.sqrt(np.diag(fitted.covariance()))
-    effect = effect_of(fitted, name)
-    for switch in effect.switches():
-        k = fitted.free.index(f"{name}.{switch}")
-        if k is not None and abs(fitted.point.vector[k] - declarations(effect)[switch][0]) > 1.96 * sd[k]:
-            return True
-    return False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dlwpredict.diagnose.competitor import LEVEL, SINGLE
@@ -42,9 +42,9 @@ def sentence(found: Diagnosis) -> str:
     return f"The model lacks one of {', '.join(first.names)}{more}, which these data cannot tell apart; {gain}."
 
 
-def statement(item: Named) -> str:
-    """Return a finding in one or two sentences."""
-    effect, sizes = item.effect, strengths(item.fit, item.effect)
+def statement(item: Named, intervals: Mapping[str, tuple[float, float]]) -> str:
+    """Return a finding in one or two sentences; the intervals are those of its model."""
+    effect, sizes = item.effect, strengths(item.effect, intervals)
     said = []
     for name, size in sizes.items():
         meaning, unit = declarations(effect)[name][1].meaning, "" if size["unit"] == "1" else f" {size['unit']}"
