@@ -11,6 +11,8 @@ import pytest
 from PIL import Image
 
 from dlwpredict.designs import air, f
+from dlwpredict.diagnose.naming import Alternative, Named
+from dlwpredict.diagnose.words import statement
 from dlwpredict.effects import library
 from dlwpredict.files.parameters_yaml import parameters_as_dict
 from dlwpredict.noise import Noise
@@ -171,6 +173,22 @@ def test_the_page_says_all_that_the_diagnosis_holds(tmp_path, maps, make):
             *content["findings"][0]["separate_by"].values(),
         ]
     assert [one for one in said if one not in text] == []
+
+
+def test_what_is_likelier_than_the_effect_fitted_stands_in_its_place_not_in_its_own(tmp_path, maps):
+    """A class names the likeliest first, which need not be the one whose model this is."""
+    content = ambiguous()
+    memory = content["findings"][0]
+    memory |= {
+        "effects": ["substrate-tilt", "dose-memory"],
+        "alternatives": [{"name": "substrate-tilt", "loss": -3.2}],
+    }
+    text = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
+    assert "In the place of dose-memory the fit loses, in 2 ln L: substrate-tilt -3.2" in text
+    tilt = library()["substrate-tilt"](tilt_x_mrad=4.0)
+    named = Named(MEMORY, 50.0, 1e-6, None, None, (Alternative(tilt, -3.2, None),))
+    assert named.names == memory["effects"]
+    assert statement(named, {}).endswith(" substrate-tilt would fit as well, or nearly.")
 
 
 def test_without_its_own_sentence_the_verdict_makes_one(tmp_path, maps):

@@ -51,7 +51,8 @@ def statement(item: Named, intervals: Mapping[str, tuple[float, float]]) -> str:
         said.append(f"{meaning}: {size['value']:.3g}{unit} ({size['low']:.3g} to {size['high']:.3g})")
     text = f"{effect.meaning[0].upper()}{effect.meaning[1:]}; {'; '.join(said)}."
     if item.alternatives:
-        text += f" {', '.join(item.names[1:])} would fit nearly as well."
+        others = [name for name in item.names if name != effect.name]
+        text += f" {', '.join(others)} would fit as well, or nearly."
     return text
 
 
