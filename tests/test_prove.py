@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from dlwpredict.effects import library
-from tests.bench.cases import NEVER
+from tests.bench.cases import NEVER, in_terms_of
 from tests.press import read_map
 from tests.prove import __main__ as prove
 from tests.prove import answer, judge, page, structures, table
@@ -273,6 +273,20 @@ def test_wilson_interval_holds_the_share_and_narrows():
     assert table.wilson(0, 60) == pytest.approx([0.0, 0.0602], abs=1e-3)
     assert table.wilson(57, 60) == pytest.approx([0.863, 0.983], abs=2e-3)
     assert table.wilson(0, 0) == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(("angle_deg", "direction_deg"), [(85.0, 0.0), (4.0, 90.0), (178.0, 90.0)])
+def test_a_focus_wider_along_one_axis_is_narrower_along_the_other(angle_deg, direction_deg):
+    found = {
+        "log_ratio": {"value": -0.17, "low": -0.22, "high": -0.12},
+        "angle_deg": {"value": angle_deg, "low": angle_deg - 2, "high": angle_deg + 2},
+    }
+    concealed = {"name": "astigmatism", "log_ratio": 0.18, "angle_deg": direction_deg}
+    turned = in_terms_of(concealed, found)
+    assert turned["log_ratio"] == {"value": 0.17, "low": 0.12, "high": 0.22}
+    q, p = (np.deg2rad(2 * one["angle_deg"]["value"]) for one in (found, turned))
+    assert (-np.cos(q), -np.sin(q)) == pytest.approx((np.cos(p), np.sin(p)))
+    assert in_terms_of(concealed | {"angle_deg": angle_deg}, found) == found
 
 
 def test_every_name_of_the_library_stands_in_one_class():

@@ -183,6 +183,20 @@ def alike(a: str, b: str) -> bool:
     return a == b or any(a in group and b in group for group in ALIKE)
 
 
+def in_terms_of(truth: Mapping, found: Mapping[str, Mapping]) -> dict[str, Mapping]:
+    """Return found parameters in the truth's terms: a focus wider by q along an axis is so by −q a quarter turn on."""
+    if truth["name"] != "astigmatism" or "angle_deg" not in found:
+        return dict(found)
+    away = (found["angle_deg"]["value"] - truth.get("angle_deg", 0.0) + 90) % 180 - 90
+    if abs(away) <= 45:
+        return dict(found)
+    ratio, angle, quarter = found["log_ratio"], found["angle_deg"], 90 * np.sign(away)
+    return found | {
+        "log_ratio": ratio | {"value": -ratio["value"], "low": -ratio["high"], "high": -ratio["low"]},
+        "angle_deg": angle | {end: angle[end] - quarter for end in ("value", "low", "high")},
+    }
+
+
 def effects_of(press: Sequence[Mapping], artefacts: Sequence[Mapping] = ()) -> str:
     """Return the truth in words."""
     return " + ".join(str(e["name"]) for e in (*press, *artefacts)) or "nothing"

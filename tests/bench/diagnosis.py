@@ -23,7 +23,7 @@ from dlwpredict.diagnose.run import diagnose
 from dlwpredict.effects import library
 from dlwpredict.parameters import ParameterSet, declarations
 from tests.bench.agreement import bare
-from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, recorded
+from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, in_terms_of, recorded
 from tests.prove.hidden import Hidden
 from tests.prove.linear import LIMIT_Z
 from tests.prove.sealed import strength
@@ -183,7 +183,7 @@ def _covered(singles: list[dict]) -> Iterable[bool]:
     for c in singles:
         truth = c["truth"][0]
         for finding in c["findings"]:
-            found = finding["parameters"].get(truth["name"], {})
+            found = in_terms_of(truth, finding["parameters"].get(truth["name"], {}))
             for name, interval in found.items():
                 if name in truth:
                     yield interval["low"] <= truth[name] <= interval["high"]

@@ -13,7 +13,7 @@ from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import parameters_from
 from dlwpredict.files.provenance import sha256
 from dlwpredict.parameters import Paper, ParameterSet, declarations
-from tests.bench.cases import NEVER, SIDES, alike
+from tests.bench.cases import NEVER, SIDES, alike, in_terms_of
 from tests.prove.baselines import Bench, unseen_smooth_um, unseen_um
 from tests.prove.hidden import LIBRARY_FORM, LOCAL, OUTSIDE
 from tests.prove.linear import parameters_of
@@ -143,7 +143,7 @@ def _intervals(effect: Mapping, findings: list) -> list[dict]:
     """Return the intervals of an effect's parameters, where it was named."""
     found = []
     for finding in findings:
-        for key, interval in (finding["parameters"].get(effect["name"]) or {}).items():
+        for key, interval in in_terms_of(effect["entry"], finding["parameters"].get(effect["name"]) or {}).items():
             if key in effect["entry"]:
                 true = effect["entry"][key]
                 found.append({
