@@ -1,6 +1,6 @@
 """Whitening, noise and fit of the diagnosis against what is known."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,11 +29,13 @@ from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
 from dlwpredict.diagnose.fit import Fit, bare, fit, problem_of
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch
+from dlwpredict.diagnose.naming import named_in
 from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.noise_uneven import Unevenness
 from dlwpredict.diagnose.refit import TO_REST
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.screen import Null, Screen, beside, p_of_largest, screen
+from dlwpredict.diagnose.select import Search
 from dlwpredict.diagnose.spots import Bumps, spot
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
@@ -408,6 +410,82 @@ def test_a_strength_that_is_not_physical_scores_nothing():
     null = Null(rng.standard_normal((144, 200)).astype(np.float32))
     z = [screen(fitted, column[:, None], np.array([sign]), null).z[0] for sign in (-1, 0, 1)]
     assert z[0] == pytest.approx(-5, rel=0.2) and z[1] == z[0] and z[2] == 0
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Of a fit only what it is of, and what it reaches."""
+
+    name: str
+    chi2: float
+    parameters: int = 9
+    convincing: bool = True
+
+    @property
+    def free(self):
+        return SimpleNamespace(names=["one"] * self.parameters)
+
+
+class Exchange(Search):
+    """A search among fits of two effects, of which others can replace the first."""
+
+    def added(self, model):
+        return [SimpleNamespace(name=name) for name in model.name]
+
+    def rest(self, model, name):
+        return model
+
+    def instead(self, model, effect):
+        return dict(self.tried) if effect.name == "a" else {}
+
+    def spread(self, model, name):
+        return 2.0
+
+    def _at_rest(self, found):
+        return replace(found, chi2=found.chi2 - 1)
+
+    def convinces(self, grown, model):
+        return grown.convincing
+
+
+@pytest.mark.parametrize(
+    ("others", "stays"),
+    [
+        ([], "ab"),
+        ([Reached("cb", 70.0)], "ab"),  # ahead by 31 once it is at rest, and 9 · 2² = 36 may be chance
+        ([Reached("cb", 64.0)], "cb"),
+        ([Reached("cb", 64.0, parameters=10)], "ab"),  # a parameter counts 2
+        ([Reached("cb", 30.0, convincing=False)], "ab"),
+        ([Reached("cb", 60.0), Reached("db", 50.0)], "db"),
+    ],
+)
+def test_an_effect_that_is_surely_likelier_takes_the_place_of_another(others, stays):
+    search = Exchange(None, None, None, tried={other.name: other for other in others})
+    assert search._exchanged(Reached("ab", 100.0)).name == stays
+
+
+@pytest.mark.parametrize(
+    ("left", "convinces", "names"),
+    [
+        (0.0, True, ["curl"]),
+        (29.0, True, ["curl"]),
+        (31.0, True, ["curl", "vignetting"]),
+        (31.0, False, ["curl"]),
+    ],
+)
+def test_a_class_holds_what_an_unnamed_rest_may_have_put_behind(left, convinces, names):
+    """Vignetting is 30 behind in 2 ln L, where 9 or 27 would be chance; nothing else does it nearly as well."""
+
+    def model(name, chi2):
+        return SimpleNamespace(chi2=chi2, parameters=SimpleNamespace(effects=(library()[name](),)))
+
+    scores = SimpleNamespace(z=np.array([10.0]), spread=np.array([1.0]), p_value=lambda z: 1e-9)
+    search = SimpleNamespace(
+        added=lambda fitted: fitted.parameters.effects, rest=lambda *of: SimpleNamespace(chi2=200.0),
+        instead=lambda *of: {"vignetting": model("vignetting", 130.0), "stitching": model("stitching", 190.0)},
+        screen=lambda of: scores, best=lambda *of: 0, convinces=lambda *of: convinces,
+    )  # fmt: skip
+    assert named_in(search, model("curl", 100.0), left)[0].names == names
 
 
 @pytest.mark.parametrize("louder", [1.0, 2.0])

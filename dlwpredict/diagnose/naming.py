@@ -9,18 +9,15 @@ import numpy as np
 
 from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.refit import effect_of, settled, without
-from dlwpredict.diagnose.select import Search
+from dlwpredict.diagnose.refit import effect_of, settled
+from dlwpredict.diagnose.select import INDISTINCT, Search
 from dlwpredict.effects.base import Effect
 from dlwpredict.parameters import declarations
 
-INDISTINCT = 9.0
-"""Two effects stay in one class while the refitted runner-up is not this far behind in 2 ln L, in units of the score's
-own variance ..."""
-
 FORM_ERROR = 20**-0.5
-"""... nor by the energy of this share of the signature, a twentieth: beside one that explains the rest, a strength has
-20 times the variance that it has alone, and no formula is trusted further than that."""
+"""Two effects stay in one class while the runner-up is not `INDISTINCT` behind, nor by the energy of this share of the
+signature, a twentieth: beside one that explains the rest, a strength has 20 times the variance that it has alone, and
+no formula is trusted further than that."""
 
 NEARLY = 3.0
 """A quick refit that is not this many times as far behind is done with care before it is left out of the class."""
@@ -77,26 +74,36 @@ class Named:
         return sorted(losses, key=losses.__getitem__)
 
 
-def named_in(search: Search, model: Fit) -> list[Named]:
-    """Return the named effects of a model, strongest first, each with those that could stand in its place."""
-    found = [_named(search, model, effect) for effect in search.added(model)]
+def named_in(search: Search, model: Fit, left: float) -> list[Named]:
+    """Return the named effects of a model, strongest first, each with those that could stand in its place.
+
+    Where χ² beyond noise is left, something that has no name is at work, and may have tipped the balance between two
+    names by as much: whatever convinces by itself, and is not farther behind, stays in the class.
+
+    Parameters
+    ----------
+    search : Search
+    model : Fit
+    left : float
+        χ² beyond noise that the model leaves, 0 where that is chance.
+    """
+    found = [_named(search, model, effect, left) for effect in search.added(model)]
     return sorted(found, key=lambda item: -item.gain)
 
 
-def _named(search: Search, model: Fit, effect: Effect) -> Named:
-    rest = without(model, effect.name) if len(search.added(model)) > 1 else search.baseline
+def _named(search: Search, model: Fit, effect: Effect, left: float) -> Named:
+    rest, others = search.rest(model, effect.name), dict(search.instead(model, effect))
     scores = search.screen(rest)
     best = search.best(scores, effect.name)
     gain = rest.chi2 - model.chi2
     z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
-    others = {name: fitted for name, fitted in search.refits(rest, model.chi2).items() if name != effect.name}
-    others |= search.look_alikes(rest, effect, model.chi2)
     for name, fitted in others.items():
         if limit <= fitted.chi2 - model.chi2 < NEARLY * limit:
             others[name] = on_own_pixels(settled(fitted), search.workers)
     found = [Alternative(effect_of(fitted, name), fitted.chi2 - model.chi2, fitted) for name, fitted in others.items()]
-    close = sorted((other for other in found if other.loss < limit), key=lambda other: other.loss)
+    close = [one for one in found if one.loss < limit or (one.loss < left and search.convinces(one.fit, rest))]
+    close.sort(key=lambda other: other.loss)
     return Named(effect, gain, scores.p_value(z), model, rest, tuple(close))
 
 

@@ -88,6 +88,11 @@ class Model:
         """Whether there is more than noise in the residual."""
         return self.p_value < LEVEL
 
+    @property
+    def left(self) -> float:
+        """What χ² in the residual is beyond noise: by free forms, and by every pattern that stands out by itself."""
+        return max(self.rest.excess, 0) + sum(one.excess for one in self.patterns if one.p_value < SINGLE)
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -148,11 +153,8 @@ class Diagnosis:
     @property
     def explained(self) -> float:
         """Share of what free forms, a ripple, a spot and columns explain that the named effects explain, 0 to 1."""
-        whole, left = (
-            max(m.rest.excess, 0) + sum(one.excess for one in m.patterns if one.p_value < SINGLE)
-            for m in (self.baseline, self.extended)
-        )
-        return float(np.clip(1 - left / whole, 0, 1)) if whole > 0 else 1.0
+        whole = self.baseline.left
+        return float(np.clip(1 - self.extended.left / whole, 0, 1)) if whole > 0 else 1.0
 
     @property
     def verdict(self) -> str:
@@ -230,9 +232,7 @@ def diagnose(
         if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")
-    named, screened = named_in(search, model), search.screen(baseline)
-    whole = lowest(model, workers)
-    named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
+    screened, whole = search.screen(baseline), lowest(model, workers)
     baseline = whole if model is baseline else lowest(baseline, workers)
     forms = Forms.of(baseline)
     columns = forms.columns
@@ -243,6 +243,8 @@ def diagnose(
     places, mismatch = locate(baseline, forms, beside, bumps, lone)
     if whole is not baseline:
         extended = _judged(whole, Beside.of(whole, columns, null), null, bumps, judged.columns)
+    named = named_in(search, model, extended.left if extended.unexplained else 0.0)
+    named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
     return Diagnosis(
         recordings,
         tuple(noise),

@@ -32,6 +32,10 @@ SHORTLIST = 6
 RIVALS = 2
 """Of these the best are brought to rest, on pixels of their own, before one is taken."""
 
+INDISTINCT = 9.0
+"""An effect may as well be another while that one, refitted in its place, is not this far behind in 2 ln L, in units of
+the score's own variance; one that is as far ahead takes its place."""
+
 UNLIKELY = 0.05
 """A focus that the prior of its widths makes less probable than this is taken to have been moved by something else."""
 
@@ -101,6 +105,8 @@ class Search:
     screened: dict[Fit, Screen] = field(default_factory=dict, repr=False)
     tried: dict[Fit, dict[str, Fit]] = field(default_factory=dict, repr=False)
     rested: set[Fit] = field(default_factory=set, repr=False)
+    rests: dict[tuple[Fit, str], Fit] = field(default_factory=dict, repr=False)
+    places: dict[tuple[Fit, str], dict[str, Fit]] = field(default_factory=dict, repr=False)
 
     def screen(self, model: Fit) -> Screen:
         """Score every candidate beside a model."""
@@ -109,7 +115,11 @@ class Search:
         return self.screened[model]
 
     def select(self, start: Fit | None = None) -> Fit:
-        """Grow the model effect by effect while noise cannot explain the next one; then try to do without each.
+        """Grow the model effect by effect while noise cannot explain the next one; then try others in their places.
+
+        The first effect is chosen while the others are missing, and may be the one that best stands in for all of them.
+        So the model tries to do without each, and to replace it (sequential replacement; Miller, Subset Selection in
+        Regression, 2002).
 
         Parameters
         ----------
@@ -121,7 +131,13 @@ class Search:
         Fit
             With the named effects among its parameters; the baseline itself where there are none.
         """
-        return self._backward(self._grown(start or self.baseline))
+        model = self._backward(self._grown(start or self.baseline))
+        for _ in range(MOST_EFFECTS):
+            other = self._exchanged(model)
+            if other is model:
+                break
+            model = self._backward(self._grown(other))
+        return model
 
     def more(self, model: Fit) -> bool:
         """Tell whether some effect scores beside a model as noise hardly ever makes one."""
@@ -136,11 +152,24 @@ class Search:
             tried = self.refits(model)
             for name in _ordered(tried)[:RIVALS]:
                 tried[name] = self._at_rest(tried[name])
-            convincing = [grown for grown in tried.values() if self._convinces(grown, model)]
+            convincing = [grown for grown in tried.values() if self.convinces(grown, model)]
             if not convincing:
                 break
             model = min(convincing, key=_weighed)
         return model
+
+    def _exchanged(self, model: Fit) -> Fit:
+        """Return the likeliest model with another effect in the place of one, or the model itself."""
+        here = _weighed(model)
+        found = {model: here}
+        for effect in self.added(model):
+            rest, tried = self.rest(model, effect.name), self.instead(model, effect)
+            ahead = INDISTINCT * self.spread(rest, effect.name) ** 2
+            for name in _ordered(tried)[:RIVALS]:
+                if _weighed(tried[name]) < here + ahead:
+                    tried[name] = self._at_rest(tried[name])
+            found |= {one: _weighed(one) + ahead for one in tried.values() if self.convinces(one, rest)}
+        return min(found, key=found.__getitem__)
 
     def _at_rest(self, found: Fit) -> Fit:
         """Bring a refit to rest, on pixels of its own."""
@@ -149,7 +178,7 @@ class Search:
             self.rested.add(found)
         return found
 
-    def _convinces(self, grown: Fit, model: Fit) -> bool:
+    def convinces(self, grown: Fit, model: Fit) -> bool:
         """Tell whether the last effect gains enough, with a strength whose 95 % interval leaves out its off value.
 
         The limit is that of one strength; whatever else it moves must bring its own 2 (Akaike 1974).
@@ -169,7 +198,7 @@ class Search:
 
     def _suffices(self, grown: Fit) -> bool:
         """Tell whether one effect explains all that there is beside the baseline, by scores and by free forms."""
-        if not self._convinces(grown, self.baseline) or self.more(grown):
+        if not self.convinces(grown, self.baseline) or self.more(grown):
             return False
         return Beside.of(grown, Forms.of(self.baseline).columns, self.null).energy().p_value >= SINGLE
 
@@ -181,6 +210,27 @@ class Search:
     def _least(self, scores: Screen, name: str) -> float:
         """Return the gain in 2 ln L that an effect must bring: what noise and numerics together hardly ever give."""
         return (scores.threshold(LEVEL) * scores.spread[self.best(scores, name)]) ** 2
+
+    def spread(self, model: Fit, name: str) -> float:
+        """Return the standard deviation of an effect's best score beside a model, 1 for exactly known white noise."""
+        scores = self.screen(model)
+        return float(scores.spread[self.best(scores, name)])
+
+    def rest(self, model: Fit, name: str) -> Fit:
+        """Return the model without one of the effects that it was given, at rest: else its gain is not all its own."""
+        if len(self.added(model)) < 2:
+            return self.baseline
+        if (model, name) not in self.rests:
+            self.rests[model, name] = self._at_rest(without(model, name))
+        return self.rests[model, name]
+
+    def instead(self, model: Fit, effect: Effect) -> dict[str, Fit]:
+        """Refit in an effect's place what scores best there, and what it is declared to be confused with."""
+        if (model, effect.name) not in self.places:
+            rest = self.rest(model, effect.name)
+            tried = self.refits(rest, model.chi2) | self._look_alikes(rest, effect, model.chi2)
+            self.places[model, effect.name] = {name: one for name, one in tried.items() if name != effect.name}
+        return self.places[model, effect.name]
 
     def added(self, model: Fit) -> list[Effect]:
         """Return the effects that a model has and the baseline has not."""
@@ -251,7 +301,7 @@ class Search:
     def _restored(self, model: Fit, tried: Mapping[str, Fit]) -> bool:
         """Tell whether the best refit convinces, and has a likely focus: what calibration had answered to is found."""
         best = min(tried.values(), key=_weighed, default=model)
-        return best is not model and not _strange(best) and self._convinces(best, model)
+        return best is not model and not _strange(best) and self.convinces(best, model)
 
     def _others(self, tried: dict[str, Fit]) -> dict[str, Fit]:
         """Bring the best refit beside the baseline to rest; where it does not suffice, try the rest of the library.
@@ -270,7 +320,7 @@ class Search:
     def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
         self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
 
-    def look_alikes(self, model: Fit, effect: Effect, best: float) -> dict[str, Fit]:
+    def _look_alikes(self, model: Fit, effect: Effect, best: float) -> dict[str, Fit]:
         """Refit, beside a model, what is declared to be confused with an effect and has not been tried.
 
         Parameters
@@ -305,9 +355,9 @@ class Search:
         for effect in self.added(model):
             if len(self.added(model)) < 2:
                 break
-            fewer = without(model, effect.name)
+            fewer = self.rest(model, effect.name)
             if fewer.chi2 - model.chi2 < self._least(self.screen(fewer), effect.name):
-                model = self._at_rest(fewer)
+                model = fewer
         return model
 
 
