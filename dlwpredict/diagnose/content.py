@@ -74,12 +74,13 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
 
 def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
     model = found.extended.fit
-    members = [(item.effect, model), *((other.effect, other.fit) for other in item.alternatives)]
+    intervals = found.null.intervals(model)
+    others = [(other.effect, found.null.intervals(other.fit)) for other in item.alternatives]
     return {
         "effects": item.names,
         "side": words.side(item.names),
-        "statement": words.statement(item, found.null.intervals(model)),
-        "parameters": {effect.name: _strengths(effect, found.null.intervals(fitted)) for effect, fitted in members},
+        "statement": words.statement(item, intervals),
+        "parameters": {effect.name: _strengths(effect, own) for effect, own in [(item.effect, intervals), *others]},
         "p_value": _short(item.p_value),
         "gain": _short(item.gain),
         "alternatives": [{"name": other.effect.name, "loss": _short(other.loss)} for other in item.alternatives],

@@ -185,7 +185,7 @@ class Search:
         """
         name, shapes = grown.parameters.effects[-1].name, len(grown.free.names) - len(model.free.names) - 1
         gain = model.chi2 - grown.chi2 - 2 * shapes
-        return gain > self._least(self.screen(model), name) and self._stands(grown, name)
+        return gain > self._least(model, name) and self._stands(grown, name)
 
     def _stands(self, grown: Fit, name: str) -> bool:
         """Tell whether the 95 % interval of any strength of an effect leaves out its off value."""
@@ -207,9 +207,9 @@ class Search:
         own = [k for k, candidate in enumerate(self.library.chosen) if candidate.name == name]
         return max(own, key=lambda k: abs(scores.z[k]))
 
-    def _least(self, scores: Screen, name: str) -> float:
+    def _least(self, model: Fit, name: str) -> float:
         """Return the gain in 2 ln L that an effect must bring: what noise and numerics together hardly ever give."""
-        return (scores.threshold(LEVEL) * scores.spread[self.best(scores, name)]) ** 2
+        return (self.screen(model).threshold(LEVEL) * self.spread(model, name)) ** 2
 
     def spread(self, model: Fit, name: str) -> float:
         """Return the standard deviation of an effect's best score beside a model, 1 for exactly known white noise."""
@@ -356,7 +356,7 @@ class Search:
             if len(self.added(model)) < 2:
                 break
             fewer = self.rest(model, effect.name)
-            if fewer.chi2 - model.chi2 < self._least(self.screen(fewer), effect.name):
+            if fewer.chi2 - model.chi2 < self._least(fewer, effect.name):
                 model = fewer
         return model
 
