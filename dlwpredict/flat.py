@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlwpredict.effects.base import Effect
 from dlwpredict.errors import InputError
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 
 
 def fittable(parameters: ParameterSet) -> dict[str, Declaration]:
     """Return every parameter a fit may touch: the seven, then ``effect-name.parameter`` in the order of the file.
+
+    What effects share stands once, with the first of them.
 
     Examples
     --------
@@ -21,31 +24,47 @@ def fittable(parameters: ParameterSet) -> dict[str, Declaration]:
     """
     known = {name: declaration for name, (_, declaration) in declarations(parameters.paper).items()}
     for effect in parameters.effects:
-        known |= {f"{effect.name}.{key}": declaration for key, (_, declaration) in declarations(effect).items()}
+        for key, (_, declaration) in declarations(effect).items():
+            known.setdefault(standing(parameters, f"{effect.name}.{key}"), declaration)
     return {name: declaration for name, declaration in known.items() if declaration.fitted}
 
 
+def standing(parameters: ParameterSet, name: str) -> str:
+    """Return the name under which a parameter is fitted: for what effects share, that of the first of them."""
+    holders = _holders(parameters, name)
+    return f"{holders[0].name}.{name.rpartition('.')[2]}" if holders else name
+
+
 def value_of(parameters: ParameterSet, name: str) -> float:
-    """Return one parameter by its flat name."""
-    effect, _, key = name.rpartition(".")
-    holder = next(e for e in parameters.effects if e.name == effect) if effect else parameters.paper
-    return float(getattr(holder, key))
+    """Return one parameter by its flat name; of what effects share the largest, as the model does."""
+    key = name.rpartition(".")[2]
+    return max(float(getattr(holder, key)) for holder in _holders(parameters, name) or [parameters.paper])
 
 
 def with_values(parameters: ParameterSet, values: Mapping[str, float]) -> ParameterSet:
-    """Return the same process with some parameters changed.
+    """Return the same process with some parameters changed, what effects share in all of them.
 
     Raises
     ------
     InputError
         A value lies outside its declared range, or κ_min above κ_max.
     """
+    own: dict[str, dict[str, float]] = {effect.name: {} for effect in parameters.effects}
+    for name, value in values.items():
+        for holder in _holders(parameters, name):
+            own[holder.name][name.rpartition(".")[2]] = float(value)
+    seven = {name: float(value) for name, value in values.items() if "." not in name}
+    effects = tuple(replace(effect, **own[effect.name]) for effect in parameters.effects)
+    return replace(parameters, paper=replace(parameters.paper, **seven), effects=effects)
 
-    def of(prefix: str) -> dict[str, float]:
-        return {name.rpartition(".")[2]: float(v) for name, v in values.items() if name.rpartition(".")[0] == prefix}
 
-    effects = tuple(replace(effect, **of(effect.name)) for effect in parameters.effects)
-    return replace(parameters, paper=replace(parameters.paper, **of("")), effects=effects)
+def _holders(parameters: ParameterSet, name: str) -> list[Effect]:
+    """Return the effects that hold a parameter: one, or all that share it; none for the seven and unknown names."""
+    effect, _, key = name.rpartition(".")
+    holders = [other for other in parameters.effects if key in declarations(other)] if effect else []
+    if any(declarations(other)[key][1].shared for other in holders):
+        return holders if any(other.name == effect for other in holders) else []
+    return [other for other in holders if other.name == effect]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +146,15 @@ def choose(parameters: ParameterSet, *, fix: Sequence[str] = (), free: Sequence[
     InputError
         Unknown name, the same name fixed and freed, nothing left to fit, empty bounds, or a start value outside.
     """
-    known = fittable(parameters)
-    for option, names in (("--fix", fix), ("--free", free)):
+    known, asked = fittable(parameters), {"--fix": fix, "--free": free}
+    for option, names in asked.items():
         for name in names:
-            if name not in known:
+            if standing(parameters, name) not in known:
                 raise InputError(f"found {name}", key=option, allowed=f"allowed: {', '.join(known)}")
-    for name in set(fix) & set(free):
+    fixed, freed = ({standing(parameters, name) for name in names} for names in asked.values())
+    for name in fixed & freed:
         raise InputError(f"{name} is named for both", key="--fix and --free", allowed="allowed: one of them")
-    names = tuple(name for name in known if name not in fix and (name in free or not free))
+    names = tuple(name for name in known if name not in fixed and (name in freed or not freed))
     if not names:
         raise InputError("every parameter is fixed", key="--fix", allowed="at least one must be free")
     bounds = [_bounds(name, known[name], parameters) for name in names]
@@ -142,8 +162,9 @@ def choose(parameters: ParameterSet, *, fix: Sequence[str] = (), free: Sequence[
 
 
 def _bounds(name: str, declaration: Declaration, parameters: ParameterSet) -> tuple[float, float]:
-    low, high = parameters.bounds.get(name, (declaration.low, declaration.high))
-    low, high = max(low, declaration.low), min(high, declaration.high)
+    given = [limits for other, limits in parameters.bounds.items() if standing(parameters, other) == name]
+    low = max([declaration.low, *(low for low, _ in given)])
+    high = min([declaration.high, *(high for _, high in given)])
     if not low < high:
         raise InputError(
             f"leaves {low:g} to {high:g}",

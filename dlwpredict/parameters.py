@@ -28,6 +28,8 @@ class Declaration:
         For parameters that switch an effect on: a typical size. The effect is off while all of them keep their default.
     cyclic : bool
         Both ends of the range are the same, as those of a phase.
+    shared : bool
+        One value for all effects that have it: it belongs to the resin.
     """
 
     unit: str
@@ -37,6 +39,7 @@ class Declaration:
     fitted: bool = True
     typical: float | None = None
     cyclic: bool = False
+    shared: bool = False
 
 
 def declare(
@@ -49,9 +52,10 @@ def declare(
     fitted: bool = True,
     typical: float | None = None,
     cyclic: bool = False,
+    shared: bool = False,
 ) -> Any:  # a dataclass field
     """Declare a parameter: default, unit, allowed range and meaning in one place."""
-    declaration = Declaration(unit, low, high, meaning, fitted, typical, cyclic)
+    declaration = Declaration(unit, low, high, meaning, fitted, typical, cyclic, shared)
     return field(default=default, metadata={"declaration": declaration})
 
 

@@ -58,6 +58,23 @@ class TestFlat:
         free = choose(process)
         np.testing.assert_array_equal(free.values(free.parameters(free.start)), free.start)
 
+    def test_what_effects_share_moves_once_and_in_all_of_them(self):
+        """With one value for each, of which the model takes the largest, the others have no derivative: a trap."""
+        memory, fading = library()["dose-memory"](gain=0.1), library()["vignetting"](strength=0.1, conversion=0.6)
+        process = ParameterSet(effects=(memory, fading), bounds={"vignetting.conversion": (0.1, 0.9)})
+        free = choose(process)
+        assert [name for name in free.names if name.endswith("conversion")] == ["dose-memory.conversion"]
+        k = free.index("dose-memory.conversion")
+        assert (free.start[k], free.low[k], free.high[k]) == (0.6, 0.1, 0.9)
+        assert [effect.conversion for effect in free.parameters(free.start).effects] == [0.6, 0.6]
+        assert "dose-memory.conversion" not in choose(process, fix=["vignetting.conversion"]).names
+        assert choose(process, free=["vignetting.conversion"]).names == ("dose-memory.conversion",)
+        for names in (["vignetting.conversion"], ["dose-memory.conversion", "threshold"]):
+            with pytest.raises(InputError, match="named for both"):
+                choose(process, fix=["dose-memory.conversion"], free=names)
+        with pytest.raises(InputError, match="found curl"):
+            choose(process, fix=["curl.conversion"])
+
     @pytest.mark.parametrize(
         ("chosen", "said"),
         [

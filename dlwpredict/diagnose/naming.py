@@ -108,11 +108,14 @@ def _named(search: Search, model: Fit, effect: Effect, left: float) -> Named:
 
 
 def strengths(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | str]]:
-    """Return value and 95 % interval of every freed parameter of an effect, inside its declared range."""
+    """Return value and 95 % interval of every freed parameter of an effect, inside its declared range.
+
+    What effects share stands under the name of one of them.
+    """
     found = {}
     for name, (_, declared) in declarations(effect).items():
-        place = f"{effect.name}.{name}"
-        if place in intervals:
-            low, high = intervals[place]
+        places = [k for k in intervals if k == f"{effect.name}.{name}" or (declared.shared and k.endswith(f".{name}"))]
+        if places:
+            low, high = intervals[places[0]]
             found[name] = {"value": float(getattr(effect, name)), "low": low, "high": high, "unit": declared.unit}
     return found

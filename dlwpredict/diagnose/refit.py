@@ -9,7 +9,7 @@ import numpy as np
 from dlwpredict.diagnose.candidates import Candidate, levelled, matters
 from dlwpredict.diagnose.fit import ITERATIONS, Fit, fit
 from dlwpredict.effects.base import Effect
-from dlwpredict.flat import Free, choose
+from dlwpredict.flat import Free, choose, with_values
 from dlwpredict.parameters import ParameterSet, declarations
 
 TO_REST = 4 * ITERATIONS
@@ -23,10 +23,14 @@ FARTHEST = 3
 
 
 def refit(model: Fit, candidate: Candidate, share: float, iterations: int = ITERATIONS) -> Fit:
-    """Fit one more effect together with everything that the model has free, from a start strength in typical sizes."""
+    """Fit one more effect together with everything that the model has free, from a start strength in typical sizes.
+
+    What it shares with an effect of the model starts at the model's value.
+    """
     limited = np.clip(share, -FARTHEST, FARTHEST)
     effect = candidate.at(float(limited) if abs(limited) > 0.05 else 0.05 * (np.sign(limited) or 1.0))
-    parameters = replace(model.parameters, effects=(*model.parameters.effects, effect))
+    grown = replace(model.parameters, effects=(*model.parameters.effects, effect))
+    parameters = with_values(grown, dict(zip(model.free.names, model.point.vector, strict=True)))
     found = fit(model.data, freed(parameters, model.free), known=model, secant=True, iterations=iterations)
     return _beyond(found, secant=True) if iterations == ITERATIONS else found
 

@@ -92,7 +92,9 @@ class DoseEffect(Effect):
     """
 
     stage: ClassVar[str] = "dose"
-    conversion: float = declare(0.0, "1", 0.0, 1.0, "eta: share of the dose change that reaches cross-linking")
+    conversion: float = declare(
+        0.0, "1", 0.0, 1.0, "eta: share of the dose change that reaches cross-linking", shared=True
+    )
 
     def act(self, state: Dose) -> Dose:
         """Return the dose with this intensity of the focus as one more factor."""
