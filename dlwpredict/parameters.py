@@ -162,19 +162,34 @@ Side = Literal["print", "measurement"]
 
 
 @dataclass(frozen=True)
-class Undecided:
-    """An effect of the process that others could replace: the data do not say which it is.
+class Process:
+    """The seven and the effects of one process, fitted together.
 
     Parameters
     ----------
-    effect : str
-        Name of an effect of the process.
-    instead : tuple of effect steps
-        Each may stand in its place, as fitted there; most likely first.
+    paper : Paper
+    effects : tuple of effect steps
     """
 
-    effect: str
-    instead: tuple
+    paper: Paper
+    effects: tuple
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """Effects that may as well be on the other side, and the process if they happen to the print or in the measurement.
+
+    Parameters
+    ----------
+    effects : tuple of str
+        Names, as listed under the file's effects.
+    print, measurement : Process
+        What the data say if all of them are of this side: everything else answers to that.
+    """
+
+    effects: tuple[str, ...]
+    print: Process
+    measurement: Process
 
 
 @dataclass(frozen=True)
@@ -193,8 +208,8 @@ class ParameterSet:
         Parameter name to (low, high): bounds of a fit, and 95 % intervals of a calibration.
     provenance : dict
         Where the values come from: inputs' SHA-256, versions, command.
-    undecided : tuple of Undecided
-        Effects that the data cannot tell from others.
+    undecided : Undecided, optional
+        Effects whose side the data cannot tell.
     """
 
     paper: Paper = field(default_factory=Paper)
@@ -204,23 +219,15 @@ class ParameterSet:
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
-    undecided: tuple[Undecided, ...] = ()
-
-    def candidates(self, place: Undecided) -> tuple:
-        """Return all effects that may stand in an undecided place, the present one first."""
-        return (*(effect for effect in self.effects if effect.name == place.effect), *place.instead)
-
-    @property
-    def two_sided(self) -> tuple[Undecided, ...]:
-        """The undecided places where even the side, print or measurement, is open."""
-        return tuple(p for p in self.undecided if len({effect.side for effect in self.candidates(p)}) > 1)
+    undecided: Undecided | None = None
 
     def decided(self, side: Side) -> ParameterSet:
-        """Return the process with the likeliest effect of this side in every place whose side is open.
+        """Return the process as it is if everything whose side is open is of this side.
 
-        An effect that is in the process already is not added twice.
+        The intervals are left out unless it is the process at hand: they are of that one.
         """
-        chosen = {p.effect: next(e for e in self.candidates(p) if e.side == side) for p in self.two_sided}
-        effects = {effect.name: effect for effect in (chosen.get(e.name, e) for e in self.effects)}
-        rest = tuple(p for p in self.undecided if p not in self.two_sided)
-        return replace(self, effects=tuple(effects.values()), undecided=rest)
+        if self.undecided is None:
+            return self
+        chosen: Process = getattr(self.undecided, side)
+        found = replace(self, paper=chosen.paper, effects=chosen.effects, undecided=None)
+        return found if (self.paper, self.effects) == (found.paper, found.effects) else replace(found, intervals={})

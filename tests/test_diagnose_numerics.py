@@ -26,22 +26,23 @@ from dlwpredict.diagnose.evidence import (
     width_rows,
 )
 from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
-from dlwpredict.diagnose.fit import Fit, bare, fit, problem_of
+from dlwpredict.diagnose.fit import Fit, bare, fit, placed, problem_of
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch
-from dlwpredict.diagnose.naming import named_in
+from dlwpredict.diagnose.naming import Alternative, Named, named_in
 from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.noise_uneven import Unevenness
-from dlwpredict.diagnose.refit import TO_REST
+from dlwpredict.diagnose.refit import TO_REST, freed
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.screen import Null, Screen, beside, p_of_largest, screen
 from dlwpredict.diagnose.select import Search
+from dlwpredict.diagnose.sides import undecided
 from dlwpredict.diagnose.spots import Bumps, spot
 from dlwpredict.effects import library
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise import Noise, matern
-from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.parameters import Paper, ParameterSet, Process
 from dlwpredict.process import predict
 from dlwpredict.smoothing import block_mean
 from dlwpredict.uneven import Uneven, grown
@@ -486,6 +487,30 @@ def test_a_class_holds_what_an_unnamed_rest_may_have_put_behind(left, convinces,
         screen=lambda of: scores, best=lambda *of: 0, convinces=lambda *of: convinces,
     )  # fmt: skip
     assert named_in(search, model("curl", 100.0), left)[0].names == names
+
+
+def test_either_side_is_a_process_of_its_own():
+    """A print that curls, fitted with a curved field of the microscope: the focus has answered to that."""
+    truth = ParameterSet(Paper(0.5, 1.6, 0.45, 6.0, 6.5, 0.72, 0.96), effects=(library()["curl"](rise_um=0.3),))
+    target, noise = designs.cin(size_um=30, pitch_um=0.5, margin_um=4), Noise(0.002, 0.004, 1.0, 0.5, 0.5)
+    printed = predict(target, truth).heights_um
+    finer_um = discretisation_um(bare(prepare(target, target.with_heights(printed))), truth)
+    recording = target.with_heights(printed + finer_um + noise.simulate(target.shape, np.random.default_rng(3)))
+    item = Whitened.of(bare(prepare(target, recording)), Uneven(noise), finer_um)
+    begun = ParameterSet(effects=(library()["field-curvature"](sag_um=-0.3),))
+    whole = fit([item], choose(begun, fix=["field-curvature.centre_x_um", "field-curvature.centre_y_um"]))
+    free = freed(replace(whole.parameters, effects=truth.effects), whole.free)
+    hasty = placed(whole.data, free, free.start)
+    named = Named(begun.effects[0], 50.0, 1e-6, whole, whole, (Alternative(truth.effects[0], 3.0, hasty),))
+    either = undecided([named], whole)
+    assert either.effects == ("field-curvature",)
+    assert either.measurement == Process(whole.parameters.paper, whole.parameters.effects)
+    assert [effect.name for effect in either.print.effects] == ["curl"]
+    found = polished(placed([item], free, free.values(replace(whole.parameters, undecided=either).decided("print"))))
+    best = polished(placed([item], free, free.values(truth)))
+    assert best.chi2 + 1000 < hasty.chi2
+    assert found.chi2 == pytest.approx(best.chi2, abs=1)
+    assert undecided([replace(named, alternatives=())], whole) is None
 
 
 @pytest.mark.parametrize("louder", [1.0, 2.0])

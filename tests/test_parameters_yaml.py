@@ -7,7 +7,7 @@ from dlwpredict.effects import library
 from dlwpredict.errors import InputError
 from dlwpredict.files.parameters_yaml import parameters_as_dict, parameters_from, read_parameters, write_parameters
 from dlwpredict.files.yaml_text import yaml_text
-from dlwpredict.parameters import Paper, ParameterSet, Readings, Undecided, Writing
+from dlwpredict.parameters import Paper, ParameterSet, Process, Readings, Undecided, Writing
 
 GOOD = parameters_as_dict(ParameterSet())
 
@@ -26,11 +26,10 @@ def test_everything_comes_back(tmp_path):
         bounds={"threshold": (0.3, 0.6), "dose-memory.gain": (0.0, 0.2)},
         intervals={"threshold": (0.4, 0.5)},
         provenance={"command": "dlwpredict calibrate", "inputs": {"a.tif": "00ff"}},
-        undecided=(
-            Undecided(
-                "vignetting",
-                (library()["field-curvature"](sag_um=-0.07), library()["print-field-curvature"](sag_um=0.1)),
-            ),
+        undecided=Undecided(
+            ("vignetting",),
+            print=Process(Paper(threshold=0.437), (library()["vignetting"](strength=0.05),)),
+            measurement=Process(Paper(threshold=0.4), (library()["field-curvature"](sag_um=-0.07),)),
         ),
     )
     path = tmp_path / "p.yaml"
@@ -83,36 +82,43 @@ def test_faults_are_refused_by_name(change, said):
 
 
 DOME = GOOD | {"effects": [{"name": "field-curvature", "sag_um": -0.07}, {"name": "dose-memory", "gain": 0.1}]}
-INSTEAD = [{"name": "vignetting", "strength": 0.04}]
+SEVEN = {name: value for name, value in GOOD.items() if hasattr(Paper, name)}
+CURVED, FADING = ({**SEVEN, "effects": [DOME["effects"][1], other]} for other in (
+    DOME["effects"][0], {"name": "vignetting", "strength": 0.04}))  # fmt: skip
+OPEN = {"effects": ["field-curvature"], "print": FADING, "measurement": CURVED}
 
 
 def test_undecided_effects_are_read():
-    found = parameters_from(DOME | {"undecided": [{"effect": "field-curvature", "instead": INSTEAD}]})
-    assert found.undecided == (Undecided("field-curvature", (library()["vignetting"](strength=0.04),)),)
-    assert parameters_from(DOME).undecided == ()
+    found = parameters_from(DOME | {"undecided": OPEN})
+    assert found.undecided.effects == ("field-curvature",)
+    memory = library()["dose-memory"](gain=0.1)
+    assert found.undecided.print == Process(found.paper, (memory, library()["vignetting"](strength=0.04)))
+    assert found.undecided.measurement == Process(found.paper, (memory, library()["field-curvature"](sag_um=-0.07)))
+    assert parameters_from(DOME).undecided is None
     assert "undecided" not in parameters_as_dict(parameters_from(DOME))
 
 
 @pytest.mark.parametrize(
     ("undecided", "said"),
     [
-        (3, "undecided: found 3, allowed: a list of {effect: ..., instead: [...]}"),
-        (["field-curvature"], "undecided: found ['field-curvature']"),
-        ([{"effect": "field-curvature", "or": INSTEAD}], "undecided.or: unknown key, allowed: effect, instead"),
-        ([{"instead": INSTEAD}], "undecided.effect: found None"),
-        ([{"effect": "magic", "instead": INSTEAD}], "undecided.effect: found 'magic', allowed: field-curvature, dose-"),
-        ([{"effect": ["field-curvature"], "instead": INSTEAD}], "undecided.effect: found ['field-curvature']"),
-        ([{"effect": "field-curvature"}], "undecided.instead: found None"),
-        ([{"effect": "field-curvature", "instead": []}], "undecided.instead: found [], at least one effect"),
-        ([{"effect": "field-curvature", "instead": "vignetting"}], "undecided.instead: found 'vignetting'"),
-        ([{"effect": "field-curvature", "instead": ["vignetting"]}], "undecided.instead.name: found 'vignetting'"),
-        ([{"effect": "field-curvature", "instead": [{"name": "magic"}]}], "undecided.instead.name: found 'magic'"),
-        ([{"effect": "field-curvature", "instead": [{"name": ["a"]}]}], "undecided.instead.name: found ['a']"),
-        ([{"effect": "field-curvature", "instead": [{"name": "vignetting", "power": 1}]}], "vignetting.power: unknown"),
-        ([{"effect": "field-curvature", "instead": [{"name": "vignetting", "strength": 7}]}], "strength: found 7"),
-        ([{"effect": "field-curvature", "instead": INSTEAD * 2}], "undecided.instead.vignetting: named twice"),
-        ([{"effect": "field-curvature", "instead": [{"name": "dose-memory"}]}], "dose-memory: listed under effects"),
-        ([{"effect": "field-curvature", "instead": INSTEAD}] * 2, "undecided.field-curvature: named twice"),
+        (3, "undecided: found 3, allowed: a mapping"),
+        ([{"effect": "field-curvature"}], "undecided: found [{'effect': 'field-curvature'}], allowed: a mapping"),
+        (OPEN | {"both": FADING}, "undecided.both: unknown key, allowed: effects, print, measurement"),
+        (
+            OPEN | {"effects": ["magic"]},
+            "undecided.effects: found ['magic'], allowed: a list of field-curvature, dose-",
+        ),
+        (OPEN | {"effects": "field-curvature"}, "undecided.effects: found 'field-curvature'"),
+        (OPEN | {"effects": [["field-curvature"]]}, "undecided.effects: found [['field-curvature']]"),
+        (OPEN | {"effects": []}, "undecided.effects: found []"),
+        ({"effects": ["field-curvature"], "print": FADING}, "undecided.measurement.exposure_fwhm_xy_um: missing"),
+        (OPEN | {"print": "vignetting"}, "undecided.print: found 'vignetting', allowed: a mapping"),
+        (OPEN | {"print": FADING | {"sag": 1}}, "undecided.print.sag: unknown key"),
+        (OPEN | {"print": FADING | {"threshold": "half"}}, "undecided.print.threshold: found 'half'"),
+        (OPEN | {"print": FADING | {"threshold": 7}}, "undecided.print.threshold: found 7"),
+        (OPEN | {"print": FADING | {"effects": "vignetting"}}, "undecided.print.effects: found 'vignetting'"),
+        (OPEN | {"print": FADING | {"effects": [{"name": ["a"]}]}}, "undecided.print.effects.name: found ['a']"),
+        (OPEN | {"print": FADING | {"effects": [{"name": "curl"}] * 2}}, "undecided.print.effects.curl: named twice"),
     ],
 )
 def test_faults_of_undecided_effects_are_refused_by_name(undecided, said):

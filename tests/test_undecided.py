@@ -1,6 +1,7 @@
 """Effects that may be the print's or the measurement's: correcting a print needs a decision."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,33 +13,34 @@ from dlwpredict.cli.app import app
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import write_parameters
-from dlwpredict.parameters import ParameterSet, Undecided
+from dlwpredict.parameters import Paper, ParameterSet, Process, Undecided
 
 CURVATURE = library()["field-curvature"](sag_um=-0.8)
 VIGNETTING = library()["vignetting"](strength=0.3)
 CURL = library()["curl"](rise_um=0.2)
 MEMORY = library()["dose-memory"](gain=0.05)
-OPEN = ParameterSet(effects=(CURVATURE, MEMORY), undecided=(Undecided("field-curvature", (CURL, VIGNETTING)),))
+PAPER = Paper(threshold=0.5)
+OTHER = Paper(threshold=0.47, shrinkage_min=0.72)
+EITHER = Undecided(
+    ("field-curvature",), print=Process(OTHER, (MEMORY, CURL)), measurement=Process(PAPER, (CURVATURE, MEMORY))
+)
+OPEN = ParameterSet(PAPER, effects=(CURVATURE, MEMORY), intervals={"threshold": (0.4, 0.6)}, undecided=EITHER)
 
 
-def test_a_decision_puts_the_likeliest_effect_of_that_side_in_place():
-    assert OPEN.decided("print").effects == (CURL, MEMORY)
-    assert OPEN.decided("measurement").effects == (CURVATURE, MEMORY)
-    assert OPEN.decided("print").undecided == OPEN.decided("measurement").undecided == ()
+def test_a_decision_puts_the_whole_process_of_that_side_in_place():
+    """The seven as well: they answer to what stands beside them."""
+    found = OPEN.decided("print")
+    assert (found.paper, found.effects, found.undecided) == (OTHER, (MEMORY, CURL), None)
 
 
-def test_a_class_on_one_side_leaves_no_decision():
-    one_sided = ParameterSet(effects=(VIGNETTING,), undecided=(Undecided("vignetting", (CURL,)),))
-    assert one_sided.two_sided == () and OPEN.two_sided == OPEN.undecided
-    assert one_sided.decided("measurement") == one_sided
+def test_intervals_are_those_of_the_process_at_hand():
+    assert OPEN.decided("measurement") == replace(OPEN, undecided=None)
+    assert OPEN.decided("print").intervals == {}
 
 
-def test_two_places_may_be_decided_for_the_same_effect():
-    both = ParameterSet(
-        effects=(CURVATURE, library()["slope-error"](bias_um=0.01)),
-        undecided=(Undecided("field-curvature", (CURL,)), Undecided("slope-error", (CURL,))),
-    )
-    assert both.decided("print").effects == (CURL,)
+def test_where_nothing_is_open_a_decision_changes_nothing():
+    closed = ParameterSet(effects=(VIGNETTING,))
+    assert closed.decided("measurement") is closed
 
 
 @pytest.fixture
@@ -48,8 +50,6 @@ def folder(tmp_path):
     for side in ("print", "measurement"):
         write_parameters(tmp_path / f"{side}.yaml", OPEN.decided(side))
     write_parameters(tmp_path / "none.yaml", ParameterSet(effects=(MEMORY,)))
-    one_sided = ParameterSet(effects=(VIGNETTING,), undecided=(Undecided("vignetting", (CURL,)),))
-    write_parameters(tmp_path / "one-sided.yaml", one_sided)
     return tmp_path
 
 
@@ -97,10 +97,9 @@ def test_decided_for_the_measurement_nothing_of_the_class_is_corrected(folder):
     assert (folder / "out.tif").read_bytes() == (folder / "none.tif").read_bytes()
 
 
-@pytest.mark.parametrize("parameters", ["one-sided.yaml", "none.yaml"])
-def test_no_decision_is_needed_where_the_side_is_known(folder, parameters):
-    assert correct(folder, parameters).exit_code == 0
-    assert correct(folder, parameters, "--undecided", "print", out="given.tif").exit_code == 0
+def test_no_decision_is_needed_where_the_side_is_known(folder):
+    assert correct(folder, "none.yaml").exit_code == 0
+    assert correct(folder, "none.yaml", "--undecided", "print", out="given.tif").exit_code == 0
     assert (folder / "out.tif").read_bytes() == (folder / "given.tif").read_bytes()
 
 

@@ -23,7 +23,7 @@ from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnose.advise import advise
 from dlwpredict.diagnose.content import content_of
 from dlwpredict.diagnose.run import LEVEL, Diagnosis, diagnose
-from dlwpredict.diagnose.words import side
+from dlwpredict.diagnose.sides import undecided
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
@@ -32,7 +32,7 @@ from dlwpredict.files.provenance import origin, with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parallel import Workers, cores_for_workers
-from dlwpredict.parameters import ParameterSet, Undecided
+from dlwpredict.parameters import ParameterSet
 
 COMMAND = "diagnose"
 CLASS = options.PairCommand
@@ -89,6 +89,7 @@ def run(
         if advice:
             tell("advice")
             _advised(found, content)
+        process = extended(found, workers) if params_out else None
     content["provenance"] = origin()
     if maps:
         _write_maps(maps, found, [part for _, part in recordings])
@@ -101,9 +102,9 @@ def run(
             (str(one), found.recordings[k].target, *_pair_maps(found, k).values()) for k, (_, one) in enumerate(pairs)
         ]
         plots.save(plot, plots.diagnosis(rows, caption=content["sentence"]))
-    if params_out:
+    if process:
         stated = with_cautions(cautions(found, content))
-        write_parameters(params_out, replace(extended(found), provenance=stated))
+        write_parameters(params_out, replace(process, provenance=stated))
     write_text(output, yaml_text(content))
     figures(content)
     from dlwpredict.pages.terminal import lines
@@ -112,15 +113,11 @@ def run(
         say(line)
 
 
-def extended(found: Diagnosis) -> ParameterSet:
-    """Return the process with the effects found; those whose side is open carry what may stand in their place."""
-    open_ones = [
-        Undecided(item.effect.name, tuple(other.effect for other in item.alternatives))
-        for item in found.named
-        if side(item.names) == "undecided"
-    ]
+def extended(found: Diagnosis, workers: Workers) -> ParameterSet:
+    """Return the process with the effects found; where a side is open, with the process on either."""
     fitted = found.extended.fit
-    return replace(fitted.parameters, undecided=tuple(open_ones), intervals=found.null.intervals(fitted))
+    either = undecided(found.named, fitted, workers)
+    return replace(fitted.parameters, undecided=either, intervals=found.null.intervals(fitted))
 
 
 def cautions(found: Diagnosis, content: dict[str, Any]) -> list[str]:

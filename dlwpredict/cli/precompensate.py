@@ -104,17 +104,17 @@ def run(
         )
 
     with blaming(target):
-        if process.two_sided and undecided is None:
+        if process.undecided and undecided is None:
             show_both(part, {side: process.decided(side.value) for side in Side}, correct)
             raise InputError(
-                f"print or measurement is open for {', '.join(place.effect for place in process.two_sided)}",
+                f"print or measurement is open for {', '.join(process.undecided.effects)}",
                 where=parameters,
                 key="undecided",
                 allowed="allowed: --undecided print or --undecided measurement",
             )
         found = correct(process if undecided is None else process.decided(undecided.value))
     figures = found.summary()
-    if process.two_sided:
+    if process.undecided:
         figures["undecided"] = undecided.value
     if unreachable:
         write_height_map(unreachable, part.with_heights(np.where(found.reachable, 0.0, found.error_um)))

@@ -78,7 +78,7 @@ def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
     others = [(other.effect, found.null.intervals(other.fit)) for other in item.alternatives]
     return {
         "effects": item.names,
-        "side": words.side(item.names),
+        "side": words.side_of(item.names),
         "statement": words.statement(item, intervals),
         "parameters": {effect.name: _strengths(effect, own) for effect, own in [(item.effect, intervals), *others]},
         "p_value": _short(item.p_value),

@@ -12,7 +12,7 @@ from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
 
 
-def side(names: Sequence[str]) -> str:
+def side_of(names: Sequence[str]) -> str:
     """Return the side of a class: print, measurement, or undecided where it has members on both."""
     sides = {library()[name].side for name in names}
     return sides.pop() if len(sides) == 1 else "undecided"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.provenance import note_input
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
-from dlwpredict.parameters import Paper, ParameterSet, Readings, Undecided, Writing, declarations
+from dlwpredict.parameters import Paper, ParameterSet, Process, Readings, Side, Undecided, Writing, declarations
 
 FORMAT = "dlwpredict-parameters/1"
+_SEVEN = tuple(f.name for f in fields(Paper))
 _SECTIONS = ("writing", "readings", "effects", "undecided", "bounds", "intervals", "provenance")
 
 
@@ -47,21 +48,17 @@ def parameters_from(content: Any) -> ParameterSet:
         raise InputError("no keys found", allowed=f"a mapping that starts with format: {FORMAT}")
     if content.get("format") != FORMAT:
         raise InputError(f"found {content.get('format')}", key="format", allowed=f"allowed: {FORMAT}")
-    seven = [f.name for f in fields(Paper)]
-    _refuse_unknown(content, ("format", *seven, *_SECTIONS))
-    for name in seven:
-        if name not in content:
-            raise InputError("missing", key=name, allowed="all seven parameters of the process must be given")
+    _refuse_unknown(content, ("format", *_SEVEN, *_SECTIONS))
     effects = _effects(content.get("effects") or [], "effects")
     return ParameterSet(
-        paper=Paper(**{name: _number(content[name], name) for name in seven}),
+        paper=_paper(content),
         writing=_writing(_mapping(content, "writing")),
         readings=_readings(_mapping(content, "readings")),
         effects=effects,
         bounds=_ranges(_mapping(content, "bounds"), "bounds"),
         intervals=_ranges(_mapping(content, "intervals"), "intervals"),
         provenance=_mapping(content, "provenance"),
-        undecided=_undecided(content.get("undecided") or [], [effect.name for effect in effects]),
+        undecided=_undecided(_mapping(content, "undecided"), [effect.name for effect in effects]),
     )
 
 
@@ -76,7 +73,10 @@ def parameters_as_dict(parameters: ParameterSet) -> dict[str, Any]:
         content["readings"] = asdict(parameters.readings)
     content["effects"] = _named(parameters.effects)
     if parameters.undecided:
-        content["undecided"] = [{"effect": u.effect, "instead": _named(u.instead)} for u in parameters.undecided]
+        content["undecided"] = {"effects": list(parameters.undecided.effects)} | {
+            side: {**asdict(process.paper), "effects": _named(process.effects)}
+            for side, process in ((side, getattr(parameters.undecided, side)) for side in get_args(Side))
+        }
     for section in ("bounds", "intervals"):
         if ranges := getattr(parameters, section):
             content[section] = {name: [float(low), float(high)] for name, (low, high) in ranges.items()}
@@ -103,6 +103,15 @@ def _number(value: Any, key: str) -> float:
         return float(value)
     except (TypeError, ValueError):
         raise InputError(f"found {value!r}", key=key, allowed="allowed: a number") from None
+
+
+def _paper(content: dict, section: str = "") -> Paper:
+    for name in _SEVEN:
+        if name not in content:
+            raise InputError(
+                "missing", key=f"{section}{name}", allowed="all seven parameters of the process must be given"
+            )
+    return Paper(**{name: _number(content[name], f"{section}{name}") for name in _SEVEN})
 
 
 def _mapping(content: dict, section: str) -> dict:
@@ -142,31 +151,27 @@ def _effects(entries: Any, section: str) -> tuple:
     return tuple(built)
 
 
-def _undecided(entries: Any, present: list[str]) -> tuple[Undecided, ...]:
-    """Read the places that several effects may take; `present` are the names of the effects listed."""
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise InputError(
-            f"found {entries!r}", key="undecided", allowed="allowed: a list of {effect: ..., instead: [...]}"
-        )
-    found: list[Undecided] = []
-    for entry in entries:
-        _refuse_unknown(entry, ("effect", "instead"), "undecided.")
-        name = entry.get("effect")
-        if name not in present:
-            listed = ", ".join(present) or "none is listed"
-            raise InputError(f"found {name!r}", key="undecided.effect", allowed=f"allowed: {listed} (under effects)")
-        if name in [other.effect for other in found]:
-            raise InputError("named twice", key=f"undecided.{name}", allowed="each effect once")
-        instead = _effects(entry.get("instead"), "undecided.instead")
-        if not instead:
-            raise InputError("found []", key="undecided.instead", allowed="at least one effect")
-        for effect in instead:
-            if effect.name in present:
-                raise InputError(
-                    "listed under effects", key=f"undecided.instead.{effect.name}", allowed="effects not listed there"
-                )
-        found.append(Undecided(name, instead))
-    return tuple(found)
+def _undecided(content: dict, present: list[str]) -> Undecided | None:
+    """Read the effects whose side is open, and either process; `present` are the names of the effects listed."""
+    if not content:
+        return None
+    sides = get_args(Side)
+    _refuse_unknown(content, ("effects", *sides), "undecided.")
+    names = content.get("effects")
+    if not isinstance(names, list) or not names or not all(name in present for name in names):
+        listed = ", ".join(present) or "none is listed"
+        raise InputError(f"found {names!r}", key="undecided.effects", allowed=f"allowed: a list of {listed}")
+    return Undecided(tuple(names), **{side: _process(content, side) for side in sides})
+
+
+def _process(content: dict, side: str) -> Process:
+    section = f"undecided.{side}"
+    process = _mapping({section: content.get(side)}, section)
+    try:
+        _refuse_unknown(process, (*_SEVEN, "effects"))
+        return Process(_paper(process), _effects(process.get("effects") or [], "effects"))
+    except InputError as error:
+        raise InputError(error.what, key=f"{section}.{error.key}", allowed=error.allowed) from None
 
 
 def _ranges(content: dict, section: str) -> dict[str, tuple[float, float]]:

@@ -63,7 +63,12 @@ shrinkage_min: 0.7
 shrinkage_max: 1.0
 writing: {slicing_um: 0.1, hatching_um: 0.1, fast_axis: y}
 effects: [{name: vignetting, strength: 0.05}, {name: dose-memory, gain: 0.1}]
-undecided: [{effect: vignetting, instead: [{name: field-curvature}]}]
+undecided:
+  effects: [vignetting]
+  print: {exposure_fwhm_xy_um: 0.5, exposure_fwhm_z_um: 1.5, threshold: 0.5, crosslink_fwhm_xy_um: 7,
+    crosslink_fwhm_z_um: 7.0, shrinkage_min: 0.7, shrinkage_max: 1.0, effects: [{name: vignetting}]}
+  measurement: {exposure_fwhm_xy_um: 0.4, exposure_fwhm_z_um: 1.5, threshold: 0.5, crosslink_fwhm_xy_um: 7,
+    crosslink_fwhm_z_um: 7.0, shrinkage_min: 0.7, shrinkage_max: 1.0, effects: [{name: field-curvature}]}
 bounds: {threshold: [0.1, 0.9]}
 intervals: {shrinkage_min: [0.6, 0.8]}
 provenance: {command: a, inputs: {a.tif: 00ff}}
