@@ -442,7 +442,7 @@ class Exchange(Search):
     def spread(self, model, name):
         return 2.0
 
-    def _at_rest(self, found):
+    def at_rest(self, found):
         return replace(found, chi2=found.chi2 - 1)
 
     def convinces(self, grown, model):

@@ -10,7 +10,7 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.diagnose.baseline import discretisation_um, finer
 from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack
-from dlwpredict.diagnose.fit import Fit, descended, differentiated, doubled, placed, problem_of
+from dlwpredict.diagnose.fit import Fit, descended, differentiated, placed, problem_of
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 
@@ -48,12 +48,6 @@ def on_own_pixels(fitted: Fit, workers: Workers = ALONE, better: Fit | None = No
     if energy < GAIN or 2 * np.sqrt(fitted.chi2 * energy) < lead:  # |r − d|² ≥ |r|² − 2|r||d|, the process where it is
         return fitted
     return differentiated(problem_of(now.data, now.free), _at_rest(now, workers))
-
-
-def lowest(fitted: Fit, workers: Workers = ALONE) -> Fit:
-    """Return the fit polished, from its likelier double as well where it has one."""
-    starts = doubled(fitted.free, fitted.point.vector)
-    return min((polished(_moved(fitted, start), workers) for start in starts), key=lambda one: one.chi2)
 
 
 def _changed(fitted: Fit, now: Fit) -> float:

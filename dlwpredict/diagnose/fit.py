@@ -25,7 +25,7 @@ from dlwpredict.diagnose.evidence import (
 )
 from dlwpredict.flat import Free
 from dlwpredict.parallel import ALONE, Workers
-from dlwpredict.parameters import ParameterSet
+from dlwpredict.parameters import Paper, ParameterSet, declarations
 
 GAIN = 0.05
 """A descent ends when the next step promises less than this in χ²."""
@@ -133,17 +133,18 @@ def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: 
 
 
 def doubled(free: Free, vector: np.ndarray) -> list[np.ndarray]:
-    """Return a place, and where its focus is far from the prior, its double with a likelier one.
+    """Return a place, and where a width is far from its prior, its double with the seven where the prior has them.
 
-    Focus length and threshold act together; a model that lacks an effect has more than one lowest place along their
-    valley, and least squares may have ended in the wrong one.
+    Focus, threshold, cross-linking and κ act together. A model that lacks an effect may have its lowest place in
+    another valley than the one that has it, and refits begin there.
     """
-    place = free.index("exposure_fwhm_z_um")
-    if place is None or abs(np.log(vector[place] / WIDTHS["exposure_fwhm_z_um"])) < WIDTH_PRIOR:
+    seven = {name: default for name, (default, _) in declarations(Paper).items() if name in free.names}
+    widths = [(vector[free.index(name)], centre) for name, centre in WIDTHS.items() if name in seven]
+    if all(abs(np.log(width / centre)) < WIDTH_PRIOR for width, centre in widths):
         return [vector]
-    coordinates = straight(free, vector)
-    coordinates[place] = WIDTHS["exposure_fwhm_z_um"]
-    return [vector, bent(free, coordinates)]
+    other = vector.copy()
+    other[[free.index(name) for name in seven]] = list(seven.values())
+    return [vector, free.allowed(other)]
 
 
 def sharing(found: Fit, data: Sequence[Whitened]) -> Fit:

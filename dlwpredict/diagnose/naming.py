@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.refit import effect_of, settled
+from dlwpredict.diagnose.refit import effect_of
 from dlwpredict.diagnose.select import INDISTINCT, Search
 from dlwpredict.effects.base import Effect
 from dlwpredict.parameters import declarations
@@ -100,7 +99,7 @@ def _named(search: Search, model: Fit, effect: Effect, left: float) -> Named:
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
     for name, fitted in others.items():
         if limit <= fitted.chi2 - model.chi2 < NEARLY * limit:
-            others[name] = on_own_pixels(settled(fitted), search.workers)
+            others[name] = search.at_rest(fitted)
     found = [Alternative(effect_of(fitted, name), fitted.chi2 - model.chi2, fitted) for name, fitted in others.items()]
     close = [one for one in found if one.loss < limit or (one.loss < left and search.convinces(one.fit, rest))]
     close.sort(key=lambda other: other.loss)

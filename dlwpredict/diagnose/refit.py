@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from dlwpredict.diagnose.candidates import Candidate, levelled, matters
-from dlwpredict.diagnose.fit import ITERATIONS, Fit, fit
+from dlwpredict.diagnose.fit import ITERATIONS, Fit, doubled, fit, placed, sharing
 from dlwpredict.effects.base import Effect
 from dlwpredict.flat import Free, choose, with_values
+from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet, declarations
 
 TO_REST = 4 * ITERATIONS
@@ -66,6 +67,13 @@ def from_typical(model: Fit, candidate: Candidate, sign: float) -> Fit:
 def settled(found: Fit) -> Fit:
     """Return a quick refit brought to rest with derivatives of its own."""
     return _beyond(fit(found.data, found.free, start=found.point.vector, known=found, iterations=TO_REST))
+
+
+def rested(found: Fit, workers: Workers = ALONE) -> Fit:
+    """Return a quick refit brought to rest, from its double as well where it has one; the lower of both."""
+    starts = doubled(found.free, found.point.vector)[1:]
+    begun = [found, *(placed(found.data, found.free, start, found.point) for start in starts)]
+    return sharing(min(workers.each(settled, [(one,) for one in begun]), key=lambda one: one.chi2), found.data)
 
 
 def _beyond(found: Fit, *, secant: bool = False) -> Fit:

@@ -14,7 +14,7 @@ from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, 
 from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import LEVEL, SINGLE, Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened, steepness
-from dlwpredict.diagnose.finer import lowest, on_own_pixels
+from dlwpredict.diagnose.finer import on_own_pixels, polished
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
@@ -232,8 +232,8 @@ def diagnose(
         if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")
-    screened, whole = search.screen(baseline), lowest(model, workers)
-    baseline = whole if model is baseline else lowest(baseline, workers)
+    screened, whole = search.screen(baseline), polished(model, workers)
+    baseline = whole if model is baseline else polished(baseline, workers)
     forms = Forms.of(baseline)
     columns = forms.columns
     beside = Beside.of(baseline, columns, null)

@@ -14,7 +14,7 @@ from dlwpredict.diagnose.competitor import SINGLE, Beside, Forms
 from dlwpredict.diagnose.evidence import WIDTHS, prior_rows, stack, width_rows
 from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit, sharing
-from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, refit, scouted, settled, without
+from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, refit, rested, scouted, without
 from dlwpredict.diagnose.screen import Null, Screen, screen
 from dlwpredict.effects.base import Effect
 from dlwpredict.parallel import ALONE, Workers
@@ -151,7 +151,7 @@ class Search:
                 break
             tried = self.refits(model)
             for name in _ordered(tried)[:RIVALS]:
-                tried[name] = self._at_rest(tried[name])
+                tried[name] = self.at_rest(tried[name])
             convincing = [grown for grown in tried.values() if self.convinces(grown, model)]
             if not convincing:
                 break
@@ -167,14 +167,14 @@ class Search:
             ahead = INDISTINCT * self.spread(rest, effect.name) ** 2
             for name in _ordered(tried)[:RIVALS]:
                 if _weighed(tried[name]) < here + ahead:
-                    tried[name] = self._at_rest(tried[name])
+                    tried[name] = self.at_rest(tried[name])
             found |= {one: _weighed(one) + ahead for one in tried.values() if self.convinces(one, rest)}
         return min(found, key=found.__getitem__)
 
-    def _at_rest(self, found: Fit) -> Fit:
+    def at_rest(self, found: Fit) -> Fit:
         """Bring a refit to rest, on pixels of its own."""
         if found not in self.rested:
-            found = on_own_pixels(settled(found), self.workers)
+            found = on_own_pixels(rested(found, self.workers), self.workers)
             self.rested.add(found)
         return found
 
@@ -221,7 +221,7 @@ class Search:
         if len(self.added(model)) < 2:
             return self.baseline
         if (model, name) not in self.rests:
-            self.rests[model, name] = self._at_rest(without(model, name))
+            self.rests[model, name] = self.at_rest(without(model, name))
         return self.rests[model, name]
 
     def instead(self, model: Fit, effect: Effect) -> dict[str, Fit]:
@@ -309,13 +309,13 @@ class Search:
         What tangents take nearly whole, as a shift takes a lag, shows only where it bends.
         """
         first = _ordered(tried)[0]
-        best = self._at_rest(tried[first])
+        best = self.at_rest(tried[first])
         if self._suffices(best):
             return {first: best}
         others = {candidate.name for candidate in self.library.chosen} - set(tried)
         found = {first: best} | self._scouts(self.baseline, others, best.chi2)
         first = _ordered(found)[0]
-        return found | {first: self._at_rest(found[first])}
+        return found | {first: self.at_rest(found[first])}
 
     def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
         self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))

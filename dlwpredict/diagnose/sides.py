@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
-from dlwpredict.diagnose.finer import lowest
+from dlwpredict.diagnose.finer import polished
 from dlwpredict.diagnose.fit import Fit, placed
 from dlwpredict.diagnose.naming import Named
-from dlwpredict.diagnose.refit import freed, settled
+from dlwpredict.diagnose.refit import freed, rested
 from dlwpredict.diagnose.words import side_of
 from dlwpredict.effects import library
 from dlwpredict.parallel import ALONE, Workers
@@ -57,4 +57,4 @@ def _on(side: Side, either: Sequence[Named], whole: Fit, workers: Workers) -> Fi
     known |= {other.effect.name: other.effect for other in swaps.values()}
     effects = tuple(effect for name, effect in known.items() if name not in swaps)
     free = freed(replace(near.parameters, effects=effects), near.free)
-    return lowest(settled(placed(near.data, free, free.start, near.point)), workers)
+    return polished(rested(placed(near.data, free, free.start, near.point), workers), workers)
