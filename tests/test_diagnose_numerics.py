@@ -26,13 +26,13 @@ from dlwpredict.diagnose.evidence import (
     width_rows,
 )
 from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
-from dlwpredict.diagnose.fit import Fit, bare, fit, placed, problem_of
+from dlwpredict.diagnose.fit import TO_REST, Fit, bare, fit, placed, problem_of
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.locate import mismatch
 from dlwpredict.diagnose.naming import Alternative, Named, named_in
 from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.noise_uneven import Unevenness
-from dlwpredict.diagnose.refit import TO_REST, freed, rested, settled
+from dlwpredict.diagnose.refit import freed, rested, settled
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.screen import Null, Screen, beside, p_of_largest, screen
 from dlwpredict.diagnose.select import Search
@@ -478,6 +478,16 @@ class Exchange(Search):
 def test_an_effect_that_is_surely_likelier_takes_the_place_of_another(others, stays):
     search = Exchange(None, None, None, tried={other.name: other for other in others})
     assert search._exchanged(Reached("ab", 100.0)).name == stays
+
+
+@pytest.mark.parametrize(("rise_um", "named"), [(0.021, ""), (0.019, "curl"), (-0.021, "")])
+def test_an_effect_whose_interval_holds_its_off_value_is_idle(rise_um, named):
+    """Known to 10 nm; 95 % are 1.96 of that."""
+    process = ParameterSet(effects=(library()["curl"](rise_um=rise_um),))
+    free = choose(process, free=["curl.rise_um"])
+    model = SimpleNamespace(parameters=process, free=free, point=SimpleNamespace(vector=free.start))
+    null = SimpleNamespace(deviations=lambda fitted: np.array([0.01]))
+    assert Search(SimpleNamespace(parameters=ParameterSet()), None, null).idle(model) == named
 
 
 @pytest.mark.parametrize(

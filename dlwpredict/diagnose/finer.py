@@ -10,7 +10,7 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.diagnose.baseline import discretisation_um, finer
 from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack
-from dlwpredict.diagnose.fit import Fit, descended, differentiated, placed, problem_of
+from dlwpredict.diagnose.fit import TO_REST, Fit, descended, differentiated, placed, problem_of
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 
@@ -74,7 +74,7 @@ def _at_rest(now: Fit, workers: Workers) -> Fit:
     def derive(now: Fit) -> Fit:
         return _informed(now, workers)
 
-    return descended(derive(now), place, derive)
+    return descended(derive(now), place, derive, iterations=TO_REST)
 
 
 def _moved(fitted: Fit, vector: np.ndarray) -> Fit:

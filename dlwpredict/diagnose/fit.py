@@ -36,6 +36,9 @@ TRUSTED = 0.8
 ITERATIONS = 8
 """Steps of a descent, at most, unless told otherwise."""
 
+TO_REST = 4 * ITERATIONS
+"""Steps of a descent that is brought to rest, at most: few need so many, along valleys that bend."""
+
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less."""
 

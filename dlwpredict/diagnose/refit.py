@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from dlwpredict.diagnose.candidates import Candidate, levelled, matters
-from dlwpredict.diagnose.fit import ITERATIONS, Fit, doubled, fit, placed, sharing
+from dlwpredict.diagnose.fit import ITERATIONS, TO_REST, Fit, doubled, fit, placed, sharing
 from dlwpredict.effects.base import Effect
 from dlwpredict.flat import Free, choose, with_values
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet, declarations
-
-TO_REST = 4 * ITERATIONS
-"""Steps of a refit that is brought to rest, at most: few need so many, along valleys that bend."""
 
 SCOUT = 2
 """Steps of a refit that only looks whether an effect deserves a whole one."""

@@ -233,6 +233,9 @@ def diagnose(
             break
     tell("judging")
     screened, whole = search.screen(baseline), polished(model, workers)
+    while idle := search.idle(whole):
+        model = search.rest(whole, idle)
+        whole = polished(model, workers)
     baseline = whole if model is baseline else polished(baseline, workers)
     forms = Forms.of(baseline)
     columns = forms.columns

@@ -196,6 +196,10 @@ class Search:
                 return True
         return False
 
+    def idle(self, model: Fit) -> str:
+        """Return an effect of a model that nothing says is there, now that all else is at rest; "" if all are."""
+        return next((effect.name for effect in self.added(model) if not self._stands(model, effect.name)), "")
+
     def _suffices(self, grown: Fit) -> bool:
         """Tell whether one effect explains all that there is beside the baseline, by scores and by free forms."""
         if not self.convinces(grown, self.baseline) or self.more(grown):
