@@ -9,10 +9,10 @@ import numpy as np
 
 from dlwpredict.diagnose import words
 from dlwpredict.diagnose.competitor import LEVEL
+from dlwpredict.diagnose.library import Library
 from dlwpredict.diagnose.naming import Named, strengths
 from dlwpredict.diagnose.run import Diagnosis, Model
 from dlwpredict.diagnose.screen import POWER, Screen
-from dlwpredict.diagnose.select import Library
 from dlwpredict.effects import library as every_effect
 from dlwpredict.effects.base import Effect
 from dlwpredict.flat import fittable

@@ -93,7 +93,7 @@ def named_in(search: Search, model: Fit, left: float) -> list[Named]:
 def _named(search: Search, model: Fit, effect: Effect, left: float) -> Named:
     rest, others = search.rest(model, effect.name), dict(search.instead(model, effect))
     scores = search.screen(rest)
-    best = search.best(scores, effect.name)
+    best = search.library.best(scores, effect.name)
     gain = rest.chi2 - model.chi2
     z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)

@@ -18,13 +18,14 @@ from dlwpredict.diagnose.finer import on_own_pixels, polished
 from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
+from dlwpredict.diagnose.library import Library
 from dlwpredict.diagnose.locate import Place, locate
 from dlwpredict.diagnose.naming import Named, named_in
 from dlwpredict.diagnose.noise_fit import NoiseEstimate
 from dlwpredict.diagnose.refit import effect_of, freed
 from dlwpredict.diagnose.ripple import Ripple, ripple
 from dlwpredict.diagnose.screen import Null, Screen
-from dlwpredict.diagnose.select import Library, Search
+from dlwpredict.diagnose.select import Search
 from dlwpredict.diagnose.spots import Bumps, Spot, spot
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.candidates import Candidate
 from dlwpredict.diagnose.competitor import SINGLE, Beside, Forms
-from dlwpredict.diagnose.evidence import WIDTHS, prior_rows, stack, width_rows
+from dlwpredict.diagnose.evidence import WIDTHS, width_rows
 from dlwpredict.diagnose.finer import on_own_pixels
 from dlwpredict.diagnose.fit import Fit, sharing
+from dlwpredict.diagnose.library import Library
 from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, refit, rested, scouted, without
-from dlwpredict.diagnose.screen import Null, Screen, screen
+from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.effects.base import Effect
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import declarations
@@ -45,42 +45,6 @@ afterwards: the answer hides it, as a wider focus hides a blur."""
 
 START_SHARE = 0.5
 """Refits start at this share of the linear strength: the full one may overshoot where the law is not linear."""
-
-
-@dataclass(frozen=True, eq=False)
-class Library:
-    """All candidates with their whitened signatures at the baseline.
-
-    Parameters
-    ----------
-    chosen : list of Candidate
-    columns : numpy.ndarray, shape (rows, candidates)
-        Whitened change per typical size.
-    """
-
-    chosen: list[Candidate]
-    columns: np.ndarray
-
-    @classmethod
-    def of(cls, around: Around, baseline: Fit) -> Library:
-        """Whiten the signatures."""
-        below = prior_rows(len(baseline.data))
-        white = [
-            stack([baseline.seen(k, change) for k, change in enumerate(changes)], below)
-            for changes in around.signatures_um
-        ]
-        return cls(around.chosen, np.stack(white, axis=1))
-
-    @property
-    def signs(self) -> np.ndarray:
-        """Sign of the strength, in typical sizes, that alone is physical; 0 where both are."""
-        return np.array([candidate.one_sided * np.sign(candidate.unit) for candidate in self.chosen])
-
-    def screen(self, fitted: Fit, null: Null) -> Screen:
-        """Score every candidate beside a fit; effects that it has already are left out."""
-        present = {effect.name for effect in fitted.parameters.effects}
-        absent = np.array([candidate.name not in present for candidate in self.chosen])
-        return screen(fitted, self.columns * absent, self.signs, null)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,11 +170,6 @@ class Search:
             return False
         return Beside.of(grown, Forms.of(self.baseline).columns, self.null).energy().p_value >= SINGLE
 
-    def best(self, scores: Screen, name: str) -> int:
-        """Return which of an effect's candidates scores best."""
-        own = [k for k, candidate in enumerate(self.library.chosen) if candidate.name == name]
-        return max(own, key=lambda k: abs(scores.z[k]))
-
     def _least(self, model: Fit, name: str) -> float:
         """Return the gain in 2 ln L that an effect must bring: what noise and numerics together hardly ever give."""
         return (self.screen(model).threshold(LEVEL) * self.spread(model, name)) ** 2
@@ -218,7 +177,7 @@ class Search:
     def spread(self, model: Fit, name: str) -> float:
         """Return the standard deviation of an effect's best score beside a model, 1 for exactly known white noise."""
         scores = self.screen(model)
-        return float(scores.spread[self.best(scores, name)])
+        return float(scores.spread[self.library.best(scores, name)])
 
     def rest(self, model: Fit, name: str) -> Fit:
         """Return the model without one of the effects that it was given, at rest: else its gain is not all its own."""
@@ -295,7 +254,7 @@ class Search:
         scores = self.screen(model)
         whole = np.linalg.norm(self.library.columns, axis=0) / scores.spread
         absorbed = np.flatnonzero((whole >= HIDDEN) & (scores.visible < HIDDEN))
-        return sorted({self.best(scores, self.library.chosen[k].name) for k in absorbed})
+        return sorted({self.library.best(scores, self.library.chosen[k].name) for k in absorbed})
 
     def _absorbed(self, model: Fit, tried: Mapping[str, Fit]) -> dict[str, tuple[Fit, Candidate, float]]:
         """Return the hidden effects that were not tried, with where their refits start."""
@@ -346,7 +305,7 @@ class Search:
     def _scouts(self, model: Fit, names: Set[str], best: float) -> dict[str, Fit]:
         """Refit effects from their typical size, those only that soon come half way to the best −2 ln L."""
         scores, ordered = self.screen(model), sorted(names)
-        chosen = [self.best(scores, name) for name in ordered]
+        chosen = [self.library.best(scores, name) for name in ordered]
         bar = (best + model.chi2) / 2
         jobs = [(model, self.library.chosen[k], float(self.library.signs[k]), bar) for k in chosen]
         tried = dict(zip(ordered, self.workers.each(scouted, jobs), strict=True))
