@@ -34,6 +34,7 @@ from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.noise_uneven import Unevenness
 from dlwpredict.diagnose.refit import freed, rested, settled
 from dlwpredict.diagnose.ripple import ripple
+from dlwpredict.diagnose.run import _alike
 from dlwpredict.diagnose.screen import Null, Screen, beside, p_of_largest, screen
 from dlwpredict.diagnose.select import Search
 from dlwpredict.diagnose.sides import undecided
@@ -509,7 +510,7 @@ def test_a_class_holds_what_an_unnamed_rest_may_have_put_behind(left, convinces,
     search = SimpleNamespace(
         added=lambda fitted: fitted.parameters.effects, rest=lambda *of: SimpleNamespace(chi2=200.0),
         instead=lambda *of: {"vignetting": model("vignetting", 130.0), "stitching": model("stitching", 190.0)},
-        screen=lambda of: scores, best=lambda *of: 0, convinces=lambda *of: convinces,
+        screen=lambda of: scores, library=SimpleNamespace(best=lambda *of: 0), convinces=lambda *of: convinces,
     )  # fmt: skip
     assert named_in(search, model("curl", 100.0), left)[0].names == names
 
@@ -670,6 +671,16 @@ def test_a_place_is_a_share_a_length_and_a_scale():
 def test_uneven_noise_is_the_root_of_its_parts():
     assert UNEVEN.sigma_um == pytest.approx(np.sqrt(0.005**2 + 0.02**2 + 0.008**2 + 0.004**2))
     assert grown(0.5, 2.0) == pytest.approx(np.hypot(1, 0.5)) and grown(0.5, 1.0) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [({"even": replace(NOISE, correlated_um=0.021)}, True), ({"even": replace(NOISE, correlated_um=0.03)}, False),
+     ({"row_um": 0.0}, False), ({"jitter_um": 0.0}, False), ({"row_um": 0.007}, True)],
+)  # fmt: skip
+def test_noise_that_is_no_longer_uneven_is_another(change, same):
+    """What a missing effect does beside walls looks like offsets of lines until it is modelled."""
+    assert _alike(UNEVEN, replace(UNEVEN, **change)) == same
 
 
 def test_half_the_time_even_noise_is_most_likely_even():

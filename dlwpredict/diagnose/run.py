@@ -38,7 +38,7 @@ PASSES = 3
 """Times that noise and choice are repeated at most, until the noise stays what it was."""
 
 ALIKE = 0.15
-"""Noise models whose strength and length differ by less than this share are the same."""
+"""Noise models whose strength and length differ by less than this share, and that are uneven alike, are the same."""
 
 EXPLAINED = 0.9
 """The named effects must explain this share of what the free forms explain."""
@@ -295,6 +295,7 @@ def _models(noise: Sequence[NoiseEstimate]) -> list[Uneven]:
 
 
 def _alike(one: Uneven, other: Uneven) -> bool:
-    """Tell whether two models of noise are the same to the accuracy that estimates have."""
+    """Tell whether two models of noise are uneven in the same ways, and else the same to the accuracy of estimates."""
+    ways = [(noise.jitter_um > 0, noise.row_um > 0, noise.column_um > 0) for noise in (one, other)]
     pairs = (one.sigma_um, other.sigma_um), (one.even.length_um, other.even.length_um)
-    return all(abs(np.log(a / b)) < ALIKE for a, b in pairs)
+    return ways[0] == ways[1] and all(abs(np.log(a / b)) < ALIKE for a, b in pairs)
