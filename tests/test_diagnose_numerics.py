@@ -481,6 +481,16 @@ def test_an_effect_that_is_surely_likelier_takes_the_place_of_another(others, st
     assert search._exchanged(Reached("ab", 100.0)).name == stays
 
 
+def test_refits_begin_in_every_valley_of_the_baseline():
+    low, high = Reached("", 100.0), Reached("", 110.0)
+    tried = {
+        low: {"a": Reached("a", 50.0), "b": Reached("b", 60.0)},
+        high: {"b": Reached("b", 40.0), "c": Reached("c", 70.0)},
+    }
+    search = Search(low, None, None, others=[high], tried=tried)
+    assert {name: one.chi2 for name, one in search._from_every_valley().items()} == {"a": 50.0, "b": 40.0, "c": 70.0}
+
+
 @pytest.mark.parametrize(("rise_um", "named"), [(0.021, ""), (0.019, "curl"), (-0.021, "")])
 def test_an_effect_whose_interval_holds_its_off_value_is_idle(rise_um, named):
     """Known to 10 nm; 95 % are 1.96 of that."""

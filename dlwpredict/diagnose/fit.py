@@ -129,10 +129,10 @@ def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, known: Poin
     return _at(problem_of(data, free), data, vector, known)
 
 
-def fit_from(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: Workers = ALONE) -> Fit:
-    """Fit from a start and from its likelier double, where it has one; return the lower."""
+def valleys(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: Workers = ALONE) -> list[Fit]:
+    """Fit from a start and from its likelier double, where it has one; the lower comes first."""
     found = workers.each(_fit_at, [(data, free, start) for start in doubled(free, vector)])
-    return sharing(min(found, key=lambda one: one.chi2), data)
+    return [sharing(one, data) for one in sorted(found, key=lambda one: one.chi2)]
 
 
 def doubled(free: Free, vector: np.ndarray) -> list[np.ndarray]:

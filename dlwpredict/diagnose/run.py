@@ -15,7 +15,7 @@ from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import LEVEL, SINGLE, Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened, steepness
 from dlwpredict.diagnose.finer import on_own_pixels, polished
-from dlwpredict.diagnose.fit import Fit, bare, fit, fit_from, placed
+from dlwpredict.diagnose.fit import Fit, bare, fit, placed, valleys
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.library import Library
@@ -220,9 +220,9 @@ def diagnose(
         tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
         data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
         begun = fit(data, found.free, start=found.point.vector) if found else None
-        baseline = on_own_pixels(fit_from(data, free, vector, workers), workers, begun)
+        baseline, *others = (on_own_pixels(one, workers, begun) for one in valleys(data, free, vector, workers))
         library, null = Library.of(around, baseline), Null.of(baseline.data, noise, seed, workers)
-        search = Search(baseline, library, null, tell, workers)
+        search = Search(baseline, library, null, tell, workers, others)
         model = search.select(begun)
         if model is baseline:
             break

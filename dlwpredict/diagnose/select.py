@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,6 +59,8 @@ class Search:
     tell : function of str
         Told what was tried.
     workers : Workers
+    others : sequence of Fit
+        The baseline in higher valleys.
     """
 
     baseline: Fit
@@ -66,6 +68,7 @@ class Search:
     null: Null
     tell: Callable[[str], None] = lambda text: None
     workers: Workers = ALONE
+    others: Sequence[Fit] = ()
     screened: dict[Fit, Screen] = field(default_factory=dict, repr=False)
     tried: dict[Fit, dict[str, Fit]] = field(default_factory=dict, repr=False)
     rested: set[Fit] = field(default_factory=set, repr=False)
@@ -113,7 +116,7 @@ class Search:
         while len(self.added(model)) < MOST_EFFECTS:
             if not self.more(model) and not self.hidden(model):
                 break
-            tried = self.refits(model)
+            tried = self._from_every_valley() if model is self.baseline else self.refits(model)
             for name in _ordered(tried)[:RIVALS]:
                 tried[name] = self.at_rest(tried[name])
             convincing = [grown for grown in tried.values() if self.convinces(grown, model)]
@@ -121,6 +124,17 @@ class Search:
                 break
             model = min(convincing, key=_weighed)
         return model
+
+    def _from_every_valley(self) -> dict[str, Fit]:
+        """Return, by name, the likeliest of the refits that begin at the baseline or in a higher valley of it.
+
+        A quick refit reaches what lies near; the valley of what is missing need not be that of the lowest baseline.
+        """
+        tried = self.refits(self.baseline)
+        for other in self.others:
+            for name, found in self.refits(other).items():
+                tried[name] = min(tried.get(name, found), found, key=_weighed)
+        return tried
 
     def _exchanged(self, model: Fit) -> Fit:
         """Return the likeliest model with another effect in the place of one, or the model itself."""

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from dlwpredict.diagnose.around import Around
 from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
-from dlwpredict.diagnose.fit import Fit, fit, fit_from, placed
+from dlwpredict.diagnose.fit import Fit, fit, placed, valleys
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.refit import freed
 from dlwpredict.effects import library
@@ -53,7 +53,7 @@ class Bench:
         """Fit the seven from a start."""
         data = whitened(pairs, start, noise)
         free = choose(start)
-        return cls(data, fit_from(data, free, free.start))
+        return cls(data, valleys(data, free, free.start)[0])
 
     def oracle(self, effects: Sequence[dict]) -> Fit:
         """Fit the effects that are there, in the library's form, from their true strengths."""
