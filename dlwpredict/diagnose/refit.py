@@ -9,7 +9,7 @@ import numpy as np
 from dlwpredict.diagnose.candidates import Candidate, levelled, matters
 from dlwpredict.diagnose.fit import ITERATIONS, TO_REST, Fit, doubled, fit, placed, sharing
 from dlwpredict.effects.base import Effect
-from dlwpredict.flat import Free, choose, with_values
+from dlwpredict.flat import Free, choose, value_of, with_values
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet, declarations
 
@@ -20,15 +20,16 @@ FARTHEST = 3
 """Typical sizes from which a refit starts at most."""
 
 
-def refit(model: Fit, candidate: Candidate, share: float, iterations: int = ITERATIONS) -> Fit:
+def refit(model: Fit, candidate: Candidate, share: float, iterations: int = ITERATIONS, place_of: str = "") -> Fit:
     """Fit one more effect together with everything that the model has free, from a start strength in typical sizes.
 
-    What it shares with an effect of the model starts at the model's value.
+    What it shares with an effect of the model starts at the model's value. An effect of the model may leave for it.
     """
     limited = np.clip(share, -FARTHEST, FARTHEST)
     effect = candidate.at(float(limited) if abs(limited) > 0.05 else 0.05 * (np.sign(limited) or 1.0))
-    grown = replace(model.parameters, effects=(*model.parameters.effects, effect))
-    parameters = with_values(grown, dict(zip(model.free.names, model.point.vector, strict=True)))
+    kept = lacking(model, place_of)
+    known = {name: value_of(kept, name) for name in freed(kept, model.free).names}
+    parameters = with_values(replace(kept, effects=(*kept.effects, effect)), known)
     found = fit(model.data, freed(parameters, model.free), known=model, secant=True, iterations=iterations)
     return _beyond(found, secant=True) if iterations == ITERATIONS else found
 
@@ -84,9 +85,20 @@ def _beyond(found: Fit, *, secant: bool = False) -> Fit:
 
 def without(model: Fit, name: str) -> Fit:
     """Refit the model without one of its effects."""
-    kept = tuple(effect for effect in model.parameters.effects if effect.name != name)
-    parameters = replace(model.parameters, effects=kept)
-    return fit(model.data, freed(parameters, model.free), known=model, secant=True)
+    return fit(model.data, freed(lacking(model, name), model.free), known=model, secant=True)
+
+
+def lacking(model: Fit, name: str) -> ParameterSet:
+    """Return the process as fitted, without one of its effects."""
+    parameters = model.parameters
+    return replace(parameters, effects=tuple(effect for effect in parameters.effects if effect.name != name))
+
+
+def done_by(model: Fit, name: str) -> np.ndarray:
+    """Return what an effect of a model does to its prediction, all else where it is, whitened, shape (rows,)."""
+    free = freed(lacking(model, name), model.free)
+    done = placed(model.data, free, free.start, model.point).residual - model.residual
+    return done - model.nuisances @ (model.nuisances.T @ done)
 
 
 def effect_of(fitted: Fit, name: str) -> Effect:

@@ -12,9 +12,9 @@ from dlwpredict.diagnose.candidates import Candidate
 from dlwpredict.diagnose.competitor import SINGLE, Beside, Forms
 from dlwpredict.diagnose.evidence import WIDTHS, width_rows
 from dlwpredict.diagnose.finer import on_own_pixels
-from dlwpredict.diagnose.fit import Fit, sharing
+from dlwpredict.diagnose.fit import ITERATIONS, Fit, sharing
 from dlwpredict.diagnose.library import Library
-from dlwpredict.diagnose.refit import effect_of, from_typical, kept_promise, refit, rested, scouted, without
+from dlwpredict.diagnose.refit import done_by, effect_of, from_typical, kept_promise, refit, rested, scouted, without
 from dlwpredict.diagnose.screen import Null, Screen
 from dlwpredict.effects.base import Effect
 from dlwpredict.parallel import ALONE, Workers
@@ -130,11 +130,7 @@ class Search:
 
         A quick refit reaches what lies near; the valley of what is missing need not be that of the lowest baseline.
         """
-        tried = self.refits(self.baseline)
-        for other in self.others:
-            for name, found in self.refits(other).items():
-                tried[name] = min(tried.get(name, found), found, key=_weighed)
-        return tried
+        return _likelier(*(self.refits(one) for one in (self.baseline, *self.others)))
 
     def _exchanged(self, model: Fit) -> Fit:
         """Return the likeliest model with another effect in the place of one, or the model itself."""
@@ -204,10 +200,30 @@ class Search:
     def instead(self, model: Fit, effect: Effect) -> dict[str, Fit]:
         """Refit in an effect's place what scores best there, and what it is declared to be confused with."""
         if (model, effect.name) not in self.places:
-            rest = self.rest(model, effect.name)
-            tried = self.refits(rest, model.chi2) | self._look_alikes(rest, effect, model.chi2)
-            self.places[model, effect.name] = {name: one for name, one in tried.items() if name != effect.name}
+            tried = self.refits(self.rest(model, effect.name), model.chi2)
+            others = self._in_place(model, effect, set(tried) | self._look_alikes(effect))
+            likelier = _likelier(tried, others)
+            self.places[model, effect.name] = {name: one for name, one in likelier.items() if name != effect.name}
         return self.places[model, effect.name]
+
+    def _in_place(self, model: Fit, effect: Effect, names: Set[str]) -> dict[str, Fit]:
+        """Refit others in an effect's place from where the model is, as strong as does most nearly what it did there.
+
+        Without the effect all else moves far away to make up for it, and another one need not find the way back.
+        """
+        columns = self.library.columns - model.nuisances @ (model.nuisances.T @ self.library.columns)
+        sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        along = columns.T @ done_by(model, effect.name) / sizes
+        allowed = np.where((self.library.signs == 0) | (np.sign(along) == self.library.signs), np.abs(along), 0.0)
+        present = {one.name for one in model.parameters.effects}
+        jobs = {}
+        for k in np.argsort(-allowed):
+            one = self.library.chosen[k]
+            if one.name in names - present and allowed[k] > 0:
+                jobs.setdefault(one.name, (model, one, along[k] / sizes[k], ITERATIONS, effect.name))
+        found = self._each(refit, jobs)
+        self._told(self.rest(model, effect.name), found, f"in place of {effect.name}")
+        return found
 
     def added(self, model: Fit) -> list[Effect]:
         """Return the effects that a model has and the baseline has not."""
@@ -294,27 +310,16 @@ class Search:
         first = _ordered(found)[0]
         return found | {first: self.at_rest(found[first])}
 
-    def _told(self, model: Fit, tried: Mapping[str, Fit]) -> None:
-        self.tell("refits: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
+    def _told(self, model: Fit, tried: Mapping[str, Fit], what: str = "refits") -> None:
+        self.tell(f"{what}: " + ", ".join(f"{name} {model.chi2 - found.chi2:.0f}" for name, found in tried.items()))
 
-    def _look_alikes(self, model: Fit, effect: Effect, best: float) -> dict[str, Fit]:
-        """Refit, beside a model, what is declared to be confused with an effect and has not been tried.
-
-        Parameters
-        ----------
-        model : Fit
-            Without the effect.
-        effect : Effect
-        best : float
-            −2 ln L with it.
-        """
-        declared = {
+    def _look_alikes(self, effect: Effect) -> set[str]:
+        """Return the names of what is declared to be confused with an effect."""
+        return {
             candidate.name
             for candidate in self.library.chosen
             if candidate.name in effect.confused_with or effect.name in candidate.effect.confused_with
         }
-        present = {one.name for one in model.parameters.effects}
-        return self._scouts(model, declared - present - set(self.refits(model, best)), best)
 
     def _scouts(self, model: Fit, names: Set[str], best: float) -> dict[str, Fit]:
         """Refit effects from their typical size, those only that soon come half way to the best −2 ln L."""
@@ -348,6 +353,12 @@ def _strange(model: Fit) -> bool:
 def _weighed(found: Fit) -> float:
     """Return −2 ln L, and 2 for everything that is free (Akaike 1974)."""
     return found.chi2 + 2 * len(found.free.names)
+
+
+def _likelier(*tried: Mapping[str, Fit]) -> dict[str, Fit]:
+    """Return all names, each with the likeliest of its refits."""
+    names = dict.fromkeys(name for some in tried for name in some)
+    return {name: min((some[name] for some in tried if name in some), key=_weighed) for name in names}
 
 
 def _ordered(tried: Mapping[str, Fit]) -> list[str]:
