@@ -251,7 +251,8 @@ def test_what_is_added_does_not_stay_in_the_valley_where_the_smaller_model_ended
 def test_what_takes_the_place_of_an_effect_is_tried_from_where_the_model_is():
     """A bend in place of a stronger vignetting: beside the seven alone, most of its shapes end 700 or more too high."""
     vignetting, bend = library()["vignetting"], library()["curl"]
-    truth = ParameterSet(paper=Paper(0.6, 1.5, 0.4, 6.0, 7.0, 0.7, 0.95), effects=(vignetting(strength=0.15, conversion=0.5),))
+    darkening = vignetting(strength=0.15, conversion=0.5)
+    truth = ParameterSet(paper=Paper(0.6, 1.5, 0.4, 6.0, 7.0, 0.7, 0.95), effects=(darkening,))
     target, noise = designs.air(size_um=40, pitch_um=0.5, margin_um=4, seed=3), Noise(0.002, 0.004, 1.0, 0.5, 0.5)
     heights = predict(target, truth).heights_um + noise.simulate(target.shape, np.random.default_rng(0))
     recording = bare(prepare(target, target.with_heights(heights)))
