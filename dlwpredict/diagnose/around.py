@@ -1,19 +1,16 @@
-"""What the prediction could change by, about the calibrated place, µm: computed once, before anything is whitened."""
+"""What the prediction could change by, about the place where a fit is, µm: computed once, before noise is known."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dlwpredict.calibrate.problem import Point, Problem
-from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.diagnose.baseline import discretisation_um
 from dlwpredict.diagnose.candidates import Candidate, candidates, signatures
 from dlwpredict.diagnose.evidence import gradient, steepness
+from dlwpredict.diagnose.fit import Fit, problem_of
 from dlwpredict.diagnose.freeform import smooth_forms
-from dlwpredict.flat import Free
 from dlwpredict.parallel import ALONE, Workers
 
 
@@ -23,11 +20,6 @@ class Around:
 
     Parameters
     ----------
-    recordings : tuple of Recording
-    free : Free
-        The parameters of the baseline.
-    point : Point
-        The calibrated place.
     chosen : list of Candidate
     signatures_um : list (candidate) of list (recording) of numpy.ndarray, shape (rows, cols)
         Per typical size.
@@ -38,9 +30,6 @@ class Around:
         |∇f| of the predictions.
     """
 
-    recordings: tuple[Recording, ...]
-    free: Free
-    point: Point
     chosen: list[Candidate]
     signatures_um: list[list[np.ndarray]]
     discretisation_um: list[np.ndarray]
@@ -48,24 +37,20 @@ class Around:
     slopes: list[np.ndarray]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], free: Free, point: Point, workers: Workers = ALONE) -> Around:
-        """Compute them."""
-        parameters = free.parameters(point.vector)
-        problem = Problem(tuple(recordings), free, numerics=point.traces[0].numerics)
+    def of(cls, fitted: Fit, workers: Workers = ALONE) -> Around:
+        """Compute them where a fit is."""
+        parameters, traces = fitted.parameters, fitted.point.traces
+        recordings = [item.recording for item in fitted.data]
         chosen = candidates(parameters)
-        changes = signatures(chosen, recordings, parameters, point.traces, workers)
-        fine = workers.each(discretisation_um, [(recording, parameters) for recording in recordings])
-        derivatives = problem.derivatives(point)
-        designs = []
-        for k, recording in enumerate(recordings):
-            grid, predicted = recording.target, point.traces[k].heights_um
+        changes = signatures(chosen, recordings, parameters, traces, workers)
+        jobs = [(recording, parameters, t.heights_um) for recording, t in zip(recordings, traces, strict=True)]
+        fine = workers.each(discretisation_um, jobs)
+        derivatives = problem_of(fitted.data, fitted.free).derivatives(fitted.point)
+        designs, slopes = [], []
+        for k, (recording, known) in enumerate(zip(recordings, traces, strict=True)):
+            grid, predicted = recording.target, known.heights_um
             shifts = gradient(predicted, grid.dx_um, 1), gradient(predicted, grid.dy_um, 0)
             named = np.stack([maps[k] for maps in changes])
             designs.append(np.concatenate([smooth_forms(grid), derivatives[k], np.stack([*shifts, fine[k]]), named]))
-        slopes = [steepness(t.heights_um, r.target) for t, r in zip(point.traces, recordings, strict=True)]
-        return cls(tuple(recordings), free, point, chosen, changes, fine, designs, slopes)
-
-    def residuals_um(self) -> list[np.ndarray]:
-        """Return recording − prediction, 0 where a point does not count, shape (rows, cols) each."""
-        pairs = zip(self.recordings, self.point.residuals, strict=True)
-        return [recording.on_map(residual) for recording, residual in pairs]
+            slopes.append(steepness(predicted, grid))
+        return cls(chosen, changes, fine, designs, slopes)

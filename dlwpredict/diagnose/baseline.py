@@ -13,7 +13,8 @@ from dlwpredict.calibrate.fast import fast
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.calibrate.trace import Trace, trace
-from dlwpredict.diagnose.fit import bare
+from dlwpredict.diagnose.evidence import Whitened
+from dlwpredict.diagnose.fit import Fit, bare, doubled, valleys
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.noise_fit import GRAINS_PX, SMOOTHNESSES, NoiseEstimate, estimate
 from dlwpredict.flat import Free
@@ -24,9 +25,13 @@ from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict, run
 from dlwpredict.smoothing import block_mean
+from dlwpredict.uneven import Uneven
 
 GAIN = 1e-3
 """The descent with free shifts ends when the next step promises less than this share of the cost."""
+
+FAINT_UM = 1e-6
+"""No noise is taken to be smaller."""
 
 ALIKE = 1e-6
 """Share of the largest energy below which a direction is dropped."""
@@ -50,6 +55,21 @@ def without_spikes(recordings: Sequence[Recording], free: Free, point: Point) ->
         used = recording.used & ~suspected_spikes(residual, recording.used)
         kept.append(bare(replace(recording, used=used)))
     return tuple(kept), Problem(tuple(kept), free).compared(point.vector, point.traces)
+
+
+def likely(recordings: Sequence[Recording], free: Free, point: Point, workers: Workers = ALONE) -> list[Fit]:
+    """Fit by likelihood as if the noise were white, in every valley; the lowest comes first.
+
+    Calibration knows no prior of the widths, and a focus that the data leave open may end at 10 µm: derivatives and
+    signatures there are not those of the process.
+    """
+    data = []
+    for recording, predicted, residual in zip(recordings, point.traces, point.residuals, strict=True):
+        sigma_um = max(float(np.std(residual)), FAINT_UM)
+        white = Uneven(Noise(sigma_um, 0.0, recording.target.dx_um, recording.target.dx_um, recording.target.dy_um))
+        change = discretisation_um(recording, free.parameters(point.vector), predicted.heights_um)
+        data.append(Whitened.of(recording, white, change))
+    return valleys(data, free, doubled(free, point.vector), workers)
 
 
 def noises(

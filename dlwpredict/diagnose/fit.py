@@ -107,6 +107,10 @@ class Fit:
         recording = self.data[k].recording
         return np.where(recording.used, recording.measured.heights_um - self.predicted_um(k), np.nan)
 
+    def residuals_um(self) -> list[np.ndarray]:
+        """Return the residual of every recording, 0 where a point does not count, shape (rows, cols) each."""
+        return [np.nan_to_num(self.residual_um(k)) for k in range(len(self.data))]
+
     def rmse_um(self) -> float:
         """Root mean square of the residual over all points that count, µm."""
         values = np.concatenate([self.residual_um(k)[item.recording.used] for k, item in enumerate(self.data)])
@@ -129,9 +133,9 @@ def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, known: Poin
     return _at(problem_of(data, free), data, vector, known)
 
 
-def valleys(data: Sequence[Whitened], free: Free, vector: np.ndarray, workers: Workers = ALONE) -> list[Fit]:
-    """Fit from a start and from its likelier double, where it has one; the lower comes first."""
-    found = workers.each(_fit_at, [(data, free, start) for start in doubled(free, vector)])
+def valleys(data: Sequence[Whitened], free: Free, starts: Sequence[np.ndarray], workers: Workers = ALONE) -> list[Fit]:
+    """Fit from every start; the lowest comes first."""
+    found = workers.each(_fit_at, [(data, free, start) for start in starts])
     return [sharing(one, data) for one in sorted(found, key=lambda one: one.chi2)]
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.baseline import calibrated, discretisation_um, noises, without_spikes
+from dlwpredict.diagnose.baseline import calibrated, discretisation_um, likely, noises, without_spikes
 from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import LEVEL, SINGLE, Beside, Energy, Forms, agreement
 from dlwpredict.diagnose.evidence import Whitened, steepness
 from dlwpredict.diagnose.finer import on_own_pixels, polished
-from dlwpredict.diagnose.fit import Fit, bare, fit, placed, valleys
+from dlwpredict.diagnose.fit import Fit, bare, doubled, fit, placed, valleys
 from dlwpredict.diagnose.freeform import smooth_forms
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.library import Library
@@ -212,24 +212,24 @@ def diagnose(
     point = calibrated(recordings, free, seed)
     recordings, point = without_spikes(recordings, free, point)
     tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
-    around = Around.of(recordings, free, point, workers)
-    found, vector, pixels = None, point.vector, around.discretisation_um
-    better = noises(recordings, around.residuals_um(), around.designs, repeats, None, around.slopes, seed, workers)
+    rough = likely(recordings, free, point, workers)
+    around = Around.of(rough[0], workers)
+    found, starts, pixels = None, [one.point.vector for one in rough], around.discretisation_um
+    better = noises(recordings, rough[0].residuals_um(), around.designs, repeats, None, around.slopes, seed, workers)
     for _ in range(PASSES):
         noise = better
         tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
         data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
         begun = fit(data, found.free, start=found.point.vector) if found else None
-        baseline, *others = (on_own_pixels(one, workers, begun) for one in valleys(data, free, vector, workers))
+        baseline, *others = (on_own_pixels(one, workers, begun) for one in valleys(data, free, starts, workers))
         library, null = Library.of(around, baseline), Null.of(baseline.data, noise, seed, workers)
         search = Search(baseline, library, null, tell, workers, others)
         model = search.select(begun)
         if model is baseline:
             break
-        found, vector = on_own_pixels(model, workers), baseline.point.vector
+        found, starts = on_own_pixels(model, workers), doubled(free, baseline.point.vector)
         pixels = [item.discretisation_um for item in found.data]
-        residuals = [np.nan_to_num(found.residual_um(k)) for k in range(len(pixels))]
-        better = noises(recordings, residuals, around.designs, repeats, noise, around.slopes, seed, workers)
+        better = noises(recordings, found.residuals_um(), around.designs, repeats, noise, around.slopes, seed, workers)
         if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")

@@ -53,7 +53,7 @@ class Bench:
         """Fit the seven from a start."""
         data = whitened(pairs, start, noise)
         free = choose(start)
-        return cls(data, valleys(data, free, free.start)[0])
+        return cls(data, valleys(data, free, [free.start])[0])
 
     def oracle(self, effects: Sequence[dict]) -> Fit:
         """Fit the effects that are there, in the library's form, from their true strengths."""
@@ -83,7 +83,7 @@ class Bench:
     def stepwise(self) -> tuple[list[str], Fit]:
         """Add effects while BIC falls, every pixel counted as independent; return their names and the fit with them."""
         data, seven = self.data, self.seven
-        around = Around.of([item.recording for item in data], seven.free, seven.point)
+        around = Around.of(seven)
         used = [item.recording.used for item in data]
         columns = np.stack([np.concatenate([m[u] for m, u in zip(maps, used, strict=True)])
                             for maps in around.signatures_um], axis=1)  # fmt: skip
