@@ -9,8 +9,9 @@ import pytest
 from dlwpredict import designs
 from dlwpredict.align.pose import Pose
 from dlwpredict.align.resample import prepared, resample
+from dlwpredict.calibrate.problem import Problem
 from dlwpredict.calibrate.recordings import prepare
-from dlwpredict.diagnose.baseline import discretisation_um
+from dlwpredict.diagnose.baseline import discretisation_um, likely
 from dlwpredict.diagnose.candidates import candidates, signatures
 from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside
@@ -269,6 +270,33 @@ def test_what_takes_the_place_of_an_effect_is_tried_from_where_the_model_is():
     assert found[vignetting.name].chi2 < model.chi2
     assert settled(found[vignetting.name]).chi2 == pytest.approx(best.chi2, abs=1)
     assert np.median(beside_the_seven) > best.chi2 + 700
+
+
+@pytest.mark.parametrize("name", ["dose-memory", "dose-proximity", "line-end-pileup"])
+def test_signatures_are_taken_where_the_fit_will_be(name):
+    """From a focus of 9.7 µm, as calibration may leave it, they would be seven times too long, and other ones."""
+    truth, far = Paper(0.6, 1.5, 0.4, 6.0, 7.0, 0.7, 0.95), Paper(0.6, 9.7, 0.4, 6.0, 7.0, 0.7, 0.95)
+    target, noise = designs.air(size_um=30, pitch_um=0.5, margin_um=4, seed=3), Noise(0.002, 0.004, 1.0, 0.5, 0.5)
+    drawn = noise.simulate(target.shape, np.random.default_rng(0))
+    heights = predict(target, ParameterSet(paper=truth)).heights_um + drawn
+    recording, free = bare(prepare(target, target.with_heights(heights))), choose(ParameterSet())
+    calibrated = Problem((recording,), free).at(free.values(ParameterSet(paper=far)))
+    rough = likely([recording], free, calibrated)[0]
+    whitened = Whitened.of(recording, Uneven(noise), rough.data[0].discretisation_um)
+    end = fit([whitened], free, start=rough.point.vector, iterations=TO_REST)
+    chosen = [one for one in candidates(ParameterSet()) if one.name == name]
+
+    def seen(place):
+        changes = signatures(chosen, [recording], place.parameters, place.point.traces)
+        return beside(end.basis, np.stack([stack([end.seen(0, own)], prior_rows(1)) for (own,) in changes], axis=1))
+
+    (here, sizes), (near, about), (wrong, long) = (
+        seen(one) for one in (end, rough, placed([whitened], free, calibrated.vector))
+    )
+    assert np.sum(here * near, axis=0).min() > 0.98
+    np.testing.assert_allclose(about, sizes, rtol=0.2)
+    assert np.sum(here * wrong, axis=0).min() < 0.9
+    assert (long / sizes).max() > 4
 
 
 def test_spikes_have_no_say_in_the_noise(holes):
