@@ -11,6 +11,7 @@ from dlwpredict.align.pose import Pose
 from dlwpredict.align.resample import prepared, resample
 from dlwpredict.calibrate.problem import Problem
 from dlwpredict.calibrate.recordings import prepare
+from dlwpredict.diagnose.attempts import Attempts
 from dlwpredict.diagnose.baseline import discretisation_um, likely
 from dlwpredict.diagnose.candidates import candidates, signatures
 from dlwpredict.diagnose.columns import Columns
@@ -30,6 +31,7 @@ from dlwpredict.diagnose.evidence import (
 from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
 from dlwpredict.diagnose.fit import TO_REST, Fit, bare, fit, placed, problem_of
 from dlwpredict.diagnose.freeform import edge_distances
+from dlwpredict.diagnose.judge import Judge
 from dlwpredict.diagnose.library import Library
 from dlwpredict.diagnose.locate import mismatch
 from dlwpredict.diagnose.naming import Alternative, Named, named_in
@@ -39,7 +41,7 @@ from dlwpredict.diagnose.refit import effect_of, freed, refit, rested, settled
 from dlwpredict.diagnose.ripple import ripple
 from dlwpredict.diagnose.run import _alike
 from dlwpredict.diagnose.screen import Null, Screen, beside, p_of_largest, screen
-from dlwpredict.diagnose.select import Search
+from dlwpredict.diagnose.select import _exchanged
 from dlwpredict.diagnose.sides import undecided
 from dlwpredict.diagnose.spots import Bumps, spot
 from dlwpredict.effects import library
@@ -263,8 +265,8 @@ def test_what_takes_the_place_of_an_effect_is_tried_from_where_the_model_is():
     changes = signatures(chosen, [recording], alone.parameters, alone.point.traces)
     columns = np.stack([stack([alone.seen(0, own)], prior_rows(1)) for (own,) in changes], axis=1)
     model = settled(refit(alone, next(one for one in chosen if one.name == bend.name), -1.0))
-    search = Search(alone, Library(chosen, columns), None)
-    found = search._in_place(model, effect_of(model, bend.name), {vignetting.name, bend.name})
+    attempts = Attempts(Judge(alone, Library(chosen, columns), None))
+    found = attempts.in_place(model, effect_of(model, bend.name), {vignetting.name, bend.name})
     beside_the_seven = [refit(alone, one, 1.0).chi2 for one in chosen if one.name == vignetting.name]
     assert list(found) == [vignetting.name]
     assert found[vignetting.name].chi2 < model.chi2
@@ -496,11 +498,21 @@ class Reached:
         return SimpleNamespace(names=["one"] * self.parameters)
 
 
-class Exchange(Search):
-    """A search among fits of two effects, of which others can replace the first."""
+class Lenient(Judge):
+    """A judge of fits that say themselves whether they convince."""
 
     def added(self, model):
         return [SimpleNamespace(name=name) for name in model.name]
+
+    def spread(self, model, name):
+        return 2.0
+
+    def convinces(self, grown, model):
+        return grown.convincing
+
+
+class Exchange(Attempts):
+    """Fits of two effects, of which others can replace the first."""
 
     def rest(self, model, name):
         return model
@@ -508,14 +520,8 @@ class Exchange(Search):
     def instead(self, model, effect):
         return dict(self.tried) if effect.name == "a" else {}
 
-    def spread(self, model, name):
-        return 2.0
-
     def at_rest(self, found):
         return replace(found, chi2=found.chi2 - 1)
-
-    def convinces(self, grown, model):
-        return grown.convincing
 
 
 @pytest.mark.parametrize(
@@ -530,8 +536,8 @@ class Exchange(Search):
     ],
 )
 def test_an_effect_that_is_surely_likelier_takes_the_place_of_another(others, stays):
-    search = Exchange(None, None, None, tried={other.name: other for other in others})
-    assert search._exchanged(Reached("ab", 100.0)).name == stays
+    attempts = Exchange(Lenient(None, None, None), tried={other.name: other for other in others})
+    assert _exchanged(attempts, Reached("ab", 100.0)).name == stays
 
 
 def test_refits_begin_in_every_valley_of_the_baseline():
@@ -540,8 +546,8 @@ def test_refits_begin_in_every_valley_of_the_baseline():
         low: {"a": Reached("a", 50.0), "b": Reached("b", 60.0)},
         high: {"b": Reached("b", 40.0), "c": Reached("c", 70.0)},
     }
-    search = Search(low, None, None, others=[high], tried=tried)
-    assert {name: one.chi2 for name, one in search._from_every_valley().items()} == {"a": 50.0, "b": 40.0, "c": 70.0}
+    attempts = Attempts(Judge(low, None, None), others=[high], tried=tried)
+    assert {name: one.chi2 for name, one in attempts.from_every_valley().items()} == {"a": 50.0, "b": 40.0, "c": 70.0}
 
 
 @pytest.mark.parametrize(("rise_um", "named"), [(0.021, ""), (0.019, "curl"), (-0.021, "")])
@@ -551,7 +557,7 @@ def test_an_effect_whose_interval_holds_its_off_value_is_idle(rise_um, named):
     free = choose(process, free=["curl.rise_um"])
     model = SimpleNamespace(parameters=process, free=free, point=SimpleNamespace(vector=free.start))
     null = SimpleNamespace(deviations=lambda fitted: np.array([0.01]))
-    assert Search(SimpleNamespace(parameters=ParameterSet()), None, null).idle(model) == named
+    assert Judge(SimpleNamespace(parameters=ParameterSet()), None, null).idle(model) == named
 
 
 @pytest.mark.parametrize(
@@ -570,12 +576,14 @@ def test_a_class_holds_what_an_unnamed_rest_may_have_put_behind(left, convinces,
         return SimpleNamespace(chi2=chi2, parameters=SimpleNamespace(effects=(library()[name](),)))
 
     scores = SimpleNamespace(z=np.array([10.0]), spread=np.array([1.0]), p_value=lambda z: 1e-9)
-    search = SimpleNamespace(
-        added=lambda fitted: fitted.parameters.effects, rest=lambda *of: SimpleNamespace(chi2=200.0),
+    judge = SimpleNamespace(
+        added=lambda fitted: fitted.parameters.effects, screen=lambda of: scores, convinces=lambda *of: convinces
+    )
+    attempts = SimpleNamespace(
+        judge=judge, library=SimpleNamespace(best=lambda *of: 0), rest=lambda *of: SimpleNamespace(chi2=200.0),
         instead=lambda *of: {"vignetting": model("vignetting", 130.0), "stitching": model("stitching", 190.0)},
-        screen=lambda of: scores, library=SimpleNamespace(best=lambda *of: 0), convinces=lambda *of: convinces,
     )  # fmt: skip
-    assert named_in(search, model("curl", 100.0), left)[0].names == names
+    assert named_in(attempts, model("curl", 100.0), left)[0].names == names
 
 
 def test_either_side_is_a_process_of_its_own():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlwpredict.diagnose.baseline import discretisation_um
+from dlwpredict.diagnose.baseline import discretisations_um
 from dlwpredict.diagnose.candidates import Candidate, candidates, signatures
 from dlwpredict.diagnose.evidence import gradient, steepness
 from dlwpredict.diagnose.fit import Fit, problem_of
@@ -43,8 +43,7 @@ class Around:
         recordings = [item.recording for item in fitted.data]
         chosen = candidates(parameters)
         changes = signatures(chosen, recordings, parameters, traces, workers)
-        jobs = [(recording, parameters, t.heights_um) for recording, t in zip(recordings, traces, strict=True)]
-        fine = workers.each(discretisation_um, jobs)
+        fine = discretisations_um(recordings, parameters, traces, workers)
         derivatives = problem_of(fitted.data, fitted.free).derivatives(fitted.point)
         designs, slopes = [], []
         for k, (recording, known) in enumerate(zip(recordings, traces, strict=True)):

@@ -10,6 +10,7 @@ import numpy as np
 from dlwpredict.align.spikes import suspected_spikes
 from dlwpredict.calibrate.descend import descend
 from dlwpredict.calibrate.fast import fast
+from dlwpredict.calibrate.loss import scale_um
 from dlwpredict.calibrate.problem import Point, Problem
 from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.calibrate.trace import Trace, trace
@@ -29,9 +30,6 @@ from dlwpredict.uneven import Uneven
 
 GAIN = 1e-3
 """The descent with free shifts ends when the next step promises less than this share of the cost."""
-
-FAINT_UM = 1e-6
-"""No noise is taken to be smaller."""
 
 ALIKE = 1e-6
 """Share of the largest energy below which a direction is dropped."""
@@ -63,12 +61,11 @@ def likely(recordings: Sequence[Recording], free: Free, point: Point, workers: W
     Calibration knows no prior of the widths, and a focus that the data leave open may end at 10 µm: derivatives and
     signatures there are not those of the process.
     """
-    data = []
-    for recording, predicted, residual in zip(recordings, point.traces, point.residuals, strict=True):
-        sigma_um = max(float(np.std(residual)), FAINT_UM)
-        white = Uneven(Noise(sigma_um, 0.0, recording.target.dx_um, recording.target.dx_um, recording.target.dy_um))
-        change = discretisation_um(recording, free.parameters(point.vector), predicted.heights_um)
-        data.append(Whitened.of(recording, white, change))
+    changes, data = discretisations_um(recordings, free.parameters(point.vector), point.traces, workers), []
+    for recording, residual, change in zip(recordings, point.residuals, changes, strict=True):
+        grid = recording.target
+        white = Noise(scale_um(residual), 0.0, grid.dx_um, grid.dx_um, grid.dy_um)
+        data.append(Whitened.of(recording, Uneven(white), change))
     return valleys(data, free, doubled(free, point.vector), workers)
 
 
@@ -169,6 +166,14 @@ def discretisation_um(
     if predicted_um is None:
         predicted_um = predict(recording.target, parameters, as_measured=True).heights_um
     return np.nan_to_num(finer(recording, parameters)[0] - predicted_um)
+
+
+def discretisations_um(
+    recordings: Sequence[Recording], parameters: ParameterSet, known: Sequence[Trace], workers: Workers = ALONE
+) -> list[np.ndarray]:
+    """Return the same of every recording, its prediction on its own pixels being known."""
+    jobs = [(recording, parameters, t.heights_um) for recording, t in zip(recordings, known, strict=True)]
+    return workers.each(discretisation_um, jobs)
 
 
 def finer(recording: Recording, parameters: ParameterSet, known: Trace | None = None) -> tuple[np.ndarray, Trace]:

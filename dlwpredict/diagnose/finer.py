@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlwpredict.calibrate.recordings import Recording
-from dlwpredict.diagnose.baseline import discretisation_um, finer
+from dlwpredict.diagnose.baseline import discretisations_um, finer
 from dlwpredict.diagnose.evidence import NUISANCES, prior_rows, stack
 from dlwpredict.diagnose.fit import TO_REST, Fit, descended, differentiated, placed, problem_of
 from dlwpredict.parallel import ALONE, Workers
@@ -22,9 +22,8 @@ PIXELS = list(NUISANCES).index("pixels")
 
 def with_own_change(fitted: Fit, workers: Workers = ALONE) -> Fit:
     """Return the fit, where it is, with the change taken there."""
-    seen = zip(fitted.data, fitted.point.traces, strict=True)
-    jobs = [(item.recording, fitted.parameters, trace.heights_um) for item, trace in seen]
-    changes = workers.each(discretisation_um, jobs)
+    recordings = [item.recording for item in fitted.data]
+    changes = discretisations_um(recordings, fitted.parameters, fitted.point.traces, workers)
     data = [replace(item, discretisation_um=change) for item, change in zip(fitted.data, changes, strict=True)]
     return placed(data, fitted.free, fitted.point.vector, fitted.point)
 

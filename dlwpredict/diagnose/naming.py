@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlwpredict.diagnose.attempts import Attempts
 from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.judge import INDISTINCT
 from dlwpredict.diagnose.refit import effect_of
-from dlwpredict.diagnose.select import INDISTINCT, Search
 from dlwpredict.effects.base import Effect
 from dlwpredict.parameters import declarations
 
@@ -73,7 +74,7 @@ class Named:
         return sorted(losses, key=losses.__getitem__)
 
 
-def named_in(search: Search, model: Fit, left: float) -> list[Named]:
+def named_in(attempts: Attempts, model: Fit, left: float) -> list[Named]:
     """Return the named effects of a model, strongest first, each with those that could stand in its place.
 
     Where χ² beyond noise is left, something that has no name is at work, and may have tipped the balance between two
@@ -81,27 +82,27 @@ def named_in(search: Search, model: Fit, left: float) -> list[Named]:
 
     Parameters
     ----------
-    search : Search
+    attempts : Attempts
     model : Fit
     left : float
         χ² beyond noise that the model leaves, 0 where that is chance.
     """
-    found = [_named(search, model, effect, left) for effect in search.added(model)]
+    found = [_named(attempts, model, effect, left) for effect in attempts.judge.added(model)]
     return sorted(found, key=lambda item: -item.gain)
 
 
-def _named(search: Search, model: Fit, effect: Effect, left: float) -> Named:
-    rest, others = search.rest(model, effect.name), dict(search.instead(model, effect))
-    scores = search.screen(rest)
-    best = search.library.best(scores, effect.name)
+def _named(attempts: Attempts, model: Fit, effect: Effect, left: float) -> Named:
+    rest, others = attempts.rest(model, effect.name), dict(attempts.instead(model, effect))
+    scores = attempts.judge.screen(rest)
+    best = attempts.library.best(scores, effect.name)
     gain = rest.chi2 - model.chi2
     z = max(abs(scores.z[best]), np.sqrt(max(gain, 0.0)) / scores.spread[best])
     limit = max(INDISTINCT * scores.spread[best] ** 2, FORM_ERROR**2 * gain)
     for name, fitted in others.items():
         if limit <= fitted.chi2 - model.chi2 < NEARLY * limit:
-            others[name] = search.at_rest(fitted)
+            others[name] = attempts.at_rest(fitted)
     found = [Alternative(effect_of(fitted, name), fitted.chi2 - model.chi2, fitted) for name, fitted in others.items()]
-    close = [one for one in found if one.loss < limit or (one.loss < left and search.convinces(one.fit, rest))]
+    close = [one for one in found if one.loss < limit or (one.loss < left and attempts.judge.convinces(one.fit, rest))]
     close.sort(key=lambda other: other.loss)
     return Named(effect, gain, scores.p_value(z), model, rest, tuple(close))
 

@@ -10,6 +10,7 @@ import numpy as np
 from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.diagnose import left_out
 from dlwpredict.diagnose.around import Around
+from dlwpredict.diagnose.attempts import Attempts
 from dlwpredict.diagnose.baseline import calibrated, discretisation_um, likely, noises, without_spikes
 from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import LEVEL, SINGLE, Beside, Energy, Forms, agreement
@@ -17,6 +18,7 @@ from dlwpredict.diagnose.evidence import Whitened, steepness
 from dlwpredict.diagnose.finer import on_own_pixels, polished
 from dlwpredict.diagnose.fit import Fit, bare, doubled, fit, placed, valleys
 from dlwpredict.diagnose.freeform import smooth_forms
+from dlwpredict.diagnose.judge import Judge
 from dlwpredict.diagnose.left_out import LeftOut
 from dlwpredict.diagnose.library import Library
 from dlwpredict.diagnose.locate import Place, locate
@@ -25,7 +27,7 @@ from dlwpredict.diagnose.noise_fit import NoiseEstimate
 from dlwpredict.diagnose.refit import effect_of, freed
 from dlwpredict.diagnose.ripple import Ripple, ripple
 from dlwpredict.diagnose.screen import Null, Screen
-from dlwpredict.diagnose.select import Search
+from dlwpredict.diagnose.select import select
 from dlwpredict.diagnose.spots import Bumps, Spot, spot
 from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
@@ -223,8 +225,9 @@ def diagnose(
         begun = fit(data, found.free, start=found.point.vector) if found else None
         baseline, *others = (on_own_pixels(one, workers, begun) for one in valleys(data, free, starts, workers))
         library, null = Library.of(around, baseline), Null.of(baseline.data, noise, seed, workers)
-        search = Search(baseline, library, null, tell, workers, others)
-        model = search.select(begun)
+        judge = Judge(baseline, library, null)
+        attempts = Attempts(judge, tell, workers, others)
+        model = select(attempts, begun)
         if model is baseline:
             break
         found, starts = on_own_pixels(model, workers), doubled(free, baseline.point.vector)
@@ -233,9 +236,9 @@ def diagnose(
         if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
     tell("judging")
-    screened, whole = search.screen(baseline), polished(model, workers)
-    while idle := search.idle(whole):
-        model = search.rest(whole, idle)
+    screened, whole = judge.screen(baseline), polished(model, workers)
+    while idle := judge.idle(whole):
+        model = attempts.rest(whole, idle)
         whole = polished(model, workers)
     baseline = whole if model is baseline else polished(baseline, workers)
     forms = Forms.of(baseline)
@@ -247,7 +250,7 @@ def diagnose(
     places, mismatch = locate(baseline, forms, beside, bumps, lone)
     if whole is not baseline:
         extended = _judged(whole, Beside.of(whole, columns, null), null, bumps, judged.columns)
-    named = named_in(search, model, extended.left if extended.unexplained else 0.0)
+    named = named_in(attempts, model, extended.left if extended.unexplained else 0.0)
     named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
     return Diagnosis(
         recordings,
