@@ -29,7 +29,7 @@ from dlwpredict.diagnose.evidence import (
     width_rows,
 )
 from dlwpredict.diagnose.finer import on_own_pixels, polished, with_own_change
-from dlwpredict.diagnose.fit import TO_REST, Fit, bare, fit, placed, problem_of
+from dlwpredict.diagnose.fit import TO_REST, Fit, bare, fit, placed, problem_of, valleys
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.judge import Judge
 from dlwpredict.diagnose.library import Library
@@ -272,6 +272,19 @@ def test_what_takes_the_place_of_an_effect_is_tried_from_where_the_model_is():
     assert found[vignetting.name].chi2 < model.chi2
     assert settled(found[vignetting.name]).chi2 == pytest.approx(best.chi2, abs=1)
     assert np.median(beside_the_seven) > best.chi2 + 700
+
+
+def test_a_valley_is_found_once_however_many_starts_lead_to_it():
+    """A wave has as many valleys as periods that nearly fit."""
+    wave = library()["z-linearity"](periodic_um=0.05, period_um=2.0)
+    target, noise = designs.air(size_um=30, pitch_um=0.5, margin_um=4, seed=3), Noise(0.002, 0.004, 1.0, 0.5, 0.5)
+    heights = predict(target, ParameterSet(effects=(wave,)), as_measured=True).heights_um
+    recording = bare(prepare(target, target.with_heights(heights)))
+    data = [Whitened.of(recording, Uneven(noise), np.zeros(target.shape))]
+    free = choose(ParameterSet(effects=(wave,)), free=["z-linearity.period_um"])
+    found = valleys(data, free, [np.array([period]) for period in (4.0, 1.98, 2.0, 2.01)])
+    assert found[0].point.vector == pytest.approx(2.0, abs=1e-3)
+    assert len(found) == 2 and found[1].chi2 > found[0].chi2 + 1000
 
 
 @pytest.mark.parametrize("name", ["dose-memory", "dose-proximity", "line-end-pileup"])

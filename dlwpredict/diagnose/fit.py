@@ -42,6 +42,9 @@ TO_REST = 4 * ITERATIONS
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less."""
 
+DISTINCT = 1.0
+"""Fits that differ by less than this energy, in units of the noise, have come to the same place."""
+
 SHIFT = list(NUISANCES).index("shift_x")
 
 
@@ -134,9 +137,13 @@ def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, known: Poin
 
 
 def valleys(data: Sequence[Whitened], free: Free, starts: Sequence[np.ndarray], workers: Workers = ALONE) -> list[Fit]:
-    """Fit from every start; the lowest comes first."""
-    found = workers.each(_fit_at, [(data, free, start) for start in starts])
-    return [sharing(one, data) for one in sorted(found, key=lambda one: one.chi2)]
+    """Fit from every start; every valley that was found once, the lowest first."""
+    found = sorted(workers.each(_fit_at, [(data, free, start) for start in starts]), key=lambda one: one.chi2)
+    distinct: list[Fit] = []
+    for one in found:
+        if all(np.sum((one.residual - lower.residual) ** 2) >= DISTINCT for lower in distinct):
+            distinct.append(sharing(one, data))
+    return distinct
 
 
 def doubled(free: Free, vector: np.ndarray) -> list[np.ndarray]:
