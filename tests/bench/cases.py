@@ -20,11 +20,15 @@ FINER = 3
 RAW_PITCH_UM = 0.25, 0.5
 """Pitches of raw recordings: finer and coarser than the target's."""
 
+SIZE_UM, MARGIN_UM = 46.0, 6.0
+SIDE_UM = SIZE_UM + 2 * MARGIN_UM
+"""Of the square maps: the structure with the substrate around it."""
+
 STRUCTURES = {
-    "cin": {"size_um": 46.0},
-    "air": {"size_um": 46.0},
-    "stairs": {"size_um": 46.0, "feature_um": 5.0},
-    "posts": {"size_um": 46.0},
+    "cin": {"size_um": SIZE_UM},
+    "air": {"size_um": SIZE_UM},
+    "stairs": {"size_um": SIZE_UM, "feature_um": 5.0},
+    "posts": {"size_um": SIZE_UM},
 }
 TRIO = ("cin", "air", "stairs")
 
@@ -111,8 +115,8 @@ class Case:
 
 
 def target(kind: str) -> HeightMap:
-    """Return a structure on 145 × 145 pixels, 6 µm of substrate around."""
-    return getattr(designs, kind)(pitch_um=PITCH_UM, margin_um=6.0, **STRUCTURES[kind])
+    """Return a structure on 145 × 145 pixels, substrate around."""
+    return getattr(designs, kind)(pitch_um=PITCH_UM, margin_um=MARGIN_UM, **STRUCTURES[kind])
 
 
 def process(seed: int) -> dict[str, float]:

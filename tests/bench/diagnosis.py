@@ -23,9 +23,10 @@ from dlwpredict.diagnose.run import diagnose
 from dlwpredict.effects import library
 from dlwpredict.parameters import ParameterSet, declarations
 from tests.bench.agreement import bare
-from tests.bench.cases import NEVER, OUTSIDE, SIDES, Case, alike, by_machine, in_terms_of, recorded
-from tests.prove.hidden import Hidden
+from tests.bench.cases import NEVER, OUTSIDE, SIDE_UM, SIDES, Case, alike, by_machine, in_terms_of, recorded
+from tests.prove.hidden import LOCAL, Hidden
 from tests.prove.linear import LIMIT_Z
+from tests.prove.place import points_at
 from tests.prove.sealed import strength
 
 
@@ -156,6 +157,8 @@ def table(folder: Path, known: Mapping) -> None:
     shown = [c["verdict"] == "unexplained" for c in outside if known[c["truth"][0]["name"]]["z"] >= 2 * LIMIT_Z]
     rate("outside the library: unexplained", [c["verdict"] == "unexplained" for c in outside], "")
     rate("  of those that stand as far out as twice a limit", shown, ">= 90 %")
+    spots = [(c["truth"][0], c["locations"]) for c in outside if c["truth"][0]["name"] in LOCAL]
+    rate("  local ones: place right", [points_at(spot, boxes, SIDE_UM) for spot, boxes in spots], ">= 90 %")
     rate("  confidently misnamed", [c["verdict"] == "identified" for c in outside], "<= 5 %")
     one = [c for name, c in done.items() if name.startswith("absorbed") and "-1-" in name]
     four = [c for name, c in done.items() if name.startswith("absorbed") and "-4-" in name]

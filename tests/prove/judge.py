@@ -17,18 +17,15 @@ from tests.bench.cases import NEVER, SIDES, alike, in_terms_of
 from tests.prove.baselines import Bench, unseen_smooth_um, unseen_um
 from tests.prove.hidden import LIBRARY_FORM, LOCAL, OUTSIDE
 from tests.prove.linear import parameters_of
+from tests.prove.place import points_at
 from tests.prove.sealed import Folder, read
 from tests.prove.structures import PITCH_UM, PIXELS
 
 NEAR_THE_NOISE = 1.5
 """An effect below this multiple of its detection limit is near the noise."""
 
-NEAR_UM, SMALL = 2.0, 0.25
-"""A place is right where its box, this much wider, holds the spot, and is no larger than this share of the map."""
-
-JUDGE = hashlib.sha256(
-    b"".join((Path(__file__).parent / name).read_bytes() for name in ("judge.py", "baselines.py", "linear.py"))
-).hexdigest()
+_FILES = "judge.py", "place.py", "baselines.py", "linear.py"
+JUDGE = hashlib.sha256(b"".join((Path(__file__).parent / name).read_bytes() for name in _FILES)).hexdigest()
 """State of the judge: results of another one are made anew."""
 
 CONCEALMENTS = (
@@ -178,14 +175,7 @@ def _seven(process: Mapping, told: Mapping) -> dict:
 def _place(effects: list, locations: list) -> bool | None:
     """Tell whether the first place named is that of a local effect; None where there is none of these."""
     local = [e["entry"] for e in effects if e["name"] in LOCAL]
-    if not local:
-        return None
-    if not locations:
-        return False
-    box, entry = locations[0], local[0]
-    area = np.ptp(box["x_um"]) * np.ptp(box["y_um"]) / (PIXELS * PITCH_UM) ** 2
-    inside = all(box[axis][0] - NEAR_UM <= entry[axis] <= box[axis][1] + NEAR_UM for axis in ("x_um", "y_um"))
-    return bool(inside and area <= SMALL)
+    return points_at(local[0], locations, PIXELS * PITCH_UM) if local else None
 
 
 def unseen(place: Folder, name: str, truth: Mapping, answer: Mapping) -> dict:
