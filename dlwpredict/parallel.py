@@ -110,12 +110,18 @@ class Workers:
     def each(self, function: Callable[..., Result], jobs: Sequence[tuple]) -> list[Result]:
         """Return the function's results in the order of the jobs; a job is what it is called with.
 
-        The function must be a module's, so that another process finds it by its name.
+        The function must be a module's, so that another process finds it by its name. Where the system has ended a
+        worker, as it does when memory runs short, the others go too and this process does the jobs itself.
         """
-        if self._pool is None or len(jobs) < 2 or not all(one.done() for one in self._loading):
-            return [function(*job) for job in jobs]
-        portion = -(-len(jobs) // (SHARES * self.processes))
-        return list(self._pool.map(function, *zip(*jobs, strict=True), chunksize=portion))
+        if self._pool and len(jobs) > 1 and all(one.done() for one in self._loading):
+            from concurrent.futures.process import BrokenProcessPool
+
+            portion = -(-len(jobs) // (SHARES * self.processes))
+            try:
+                return list(self._pool.map(function, *zip(*jobs, strict=True), chunksize=portion))
+            except BrokenProcessPool:
+                self.__exit__()
+        return [function(*job) for job in jobs]
 
 
 ALONE = Workers()

@@ -1,6 +1,7 @@
 """Work that is shared gives what one process alone gives."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -42,6 +43,30 @@ def test_jobs_are_done_here_before_workers_are_ready_and_after_they_have_gone():
     with Workers(2) as those:
         assert those.each(lambda k: k + 1, [(1,), (2,)]) == [2, 3]  # a lambda could not be sent
     assert those.each(lambda k: k + 1, [(1,), (2,)]) == [2, 3]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+def test_where_a_worker_has_been_killed_the_jobs_are_done_here():
+    with Workers(2) as those:
+        wait(those._loading)
+        os.kill(next(iter(those._pool._processes)), signal.SIGKILL)
+        assert those.each(pow, [(k, 2) for k in range(8)]) == [k**2 for k in range(8)]
+        assert those.each(pow, [(k, 3) for k in range(8)]) == [k**3 for k in range(8)]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+def test_a_worker_that_is_killed_at_work_is_replaced_by_this_process():
+    with Workers(2) as those:
+        wait(those._loading)
+        jobs = [(os.getpid(), k) for k in range(8)]
+        assert those.each(ended_elsewhere, jobs) == list(range(8))
+
+
+def ended_elsewhere(process: int, number: int) -> int:
+    """Return the number; in any other process, end as by a system that is short of memory."""
+    if os.getpid() != process:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
 
 
 SLEEPER = """
