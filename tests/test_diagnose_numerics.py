@@ -15,7 +15,7 @@ from dlwpredict.diagnose.attempts import Attempts
 from dlwpredict.diagnose.baseline import discretisation_um, likely
 from dlwpredict.diagnose.candidates import candidates, signatures
 from dlwpredict.diagnose.columns import Columns
-from dlwpredict.diagnose.competitor import Beside
+from dlwpredict.diagnose.competitor import Beside, Forms
 from dlwpredict.diagnose.evidence import (
     NUISANCES,
     WIDTHS,
@@ -33,7 +33,7 @@ from dlwpredict.diagnose.fit import TO_REST, Fit, bare, fit, placed, problem_of,
 from dlwpredict.diagnose.freeform import edge_distances
 from dlwpredict.diagnose.judge import Judge
 from dlwpredict.diagnose.library import Library
-from dlwpredict.diagnose.locate import mismatch
+from dlwpredict.diagnose.locate import locate, mismatch
 from dlwpredict.diagnose.naming import Alternative, Named, named_in
 from dlwpredict.diagnose.noise_fit import _at, estimate
 from dlwpredict.diagnose.noise_uneven import Unevenness
@@ -375,6 +375,24 @@ def test_ripple_is_found_with_period_and_direction(white):
     assert found.p_value < 1e-6
     assert found.period_um == pytest.approx(4.0, abs=0.4)
     assert found.angle_deg == pytest.approx(30, abs=6)
+
+
+def test_waves_are_a_place_of_the_mismatch_over_the_whole_map(white):
+    item, null = white
+    grid, noise = item.recording.target, np.random.default_rng(6).standard_normal(4200)
+    waves = 0.3 * np.cos(2 * np.pi / 4 * grid.x_um) * np.ones(grid.shape)
+    found, draws = beside_it(item, noise + waves.ravel(), null)
+    ramp = np.tile(grid.x_um, grid.shape[0])[:, None]
+    bump = np.exp(-(grid.x_um**2 + grid.y_um[:, None] ** 2)).reshape(-1, 1)
+    families = {name: form / np.linalg.norm(form) for name, form in (("x", ramp), ("place", bump))}
+    forms, beside = Forms((families,)), Beside.of(found, np.hstack(list(families.values())), null)
+    bumps = [Bumps.of(item)]
+    wave = ripple(found, draws)
+    (place,), _ = locate(found, forms, beside, bumps, [wave])
+    assert place.where == "in waves of period 4.0 µm, at 0° to x" and place.share > 0.9
+    assert place.p_value == wave.p_value < 1e-6
+    assert place.x_um == pytest.approx((-14, 14)) and place.y_um == pytest.approx((-9, 9))
+    assert locate(found, forms, beside, bumps, [])[0] == []
 
 
 def test_ripples_and_spots_have_the_level_they_claim():

@@ -35,6 +35,11 @@ class Columns:
     excess: float
     p_value: float
 
+    @property
+    def where(self) -> str:
+        """In words: everywhere, but line by line."""
+        return "from one line along y to the next"
+
     @classmethod
     def of(cls, noises: Sequence[NoiseEstimate]) -> Columns:
         """Collect them from the noise of every recording that has no repeats."""

@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, special
 
+from dlwpredict.diagnose.columns import Columns
 from dlwpredict.diagnose.competitor import Beside, Energy, Forms
 from dlwpredict.diagnose.evidence import Whitened
 from dlwpredict.diagnose.fit import Fit
+from dlwpredict.diagnose.ripple import Ripple
 from dlwpredict.diagnose.spots import SCALES_PX, Bumps, Spot
+from dlwpredict.heightmap import HeightMap
 
 SURE = 0.95
 """A pixel belongs to a place where the mismatch is at least this sure."""
@@ -73,13 +76,17 @@ def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
 
 
 def locate(
-    fitted: Fit, forms: Forms, beside: Beside, bumps: Sequence[Bumps], lone: Spot | None
+    fitted: Fit, forms: Forms, beside: Beside, bumps: Sequence[Bumps], patterns: Sequence[Ripple | Spot | Columns]
 ) -> tuple[list[Place], list[np.ndarray]]:
     """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`.
 
-    A spot that is more than noise is a place, too, where free forms have not found it.
+    Patterns that are more than noise are places, too: a spot where free forms have not found it, waves and columns over
+    the whole map, for no form follows them.
     """
-    whole = max(beside.energy().excess, lone.excess if lone else 0.0, 1e-9)
+    lone = next((one for one in patterns if isinstance(one, Spot)), None)
+    wide = [one for one in patterns if one is not lone]
+    whole = max(beside.energy().excess, lone.excess if lone else 0.0, 0.0) + sum(one.excess for one in wide)
+    whole = max(whole, 1e-9)
     places, maps, first = [], [], 0
     for k, item in enumerate(fitted.data):
         residual = fitted.residual[first : first + item.recording.points]
@@ -94,7 +101,16 @@ def locate(
             where = f"around x = {middle[0]:.1f}, y = {middle[1]:.1f} µm" if family == "place" else WHERE[family]
             share = float(np.clip(found.excess / whole, 0, 1))
             places.append(Place(k, where, share, found.p_value, x_um, y_um))
+    for one in wide:
+        x_um, y_um = _outline(fitted.data[one.pair].recording.target)
+        places.append(Place(one.pair, one.where, float(np.clip(one.excess / whole, 0, 1)), one.p_value, x_um, y_um))
     return sorted(places, key=lambda place: -place.share), maps
+
+
+def _outline(grid: HeightMap) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of a map in x and y, µm."""
+    width, depth = grid.size_um
+    return (-width / 2, width / 2), (-depth / 2, depth / 2)
 
 
 def _families(forms: Forms, beside: Beside, k: int) -> list[tuple[str, Energy]]:

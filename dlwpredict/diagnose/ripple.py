@@ -33,6 +33,11 @@ class Ripple:
     excess: float
     p_value: float
 
+    @property
+    def where(self) -> str:
+        """In words: everywhere, but in waves."""
+        return f"in waves of period {self.period_um:.1f} µm, at {round(self.angle_deg)}° to x"
+
 
 def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     """Test the largest ordinate of the periodogram (Fisher 1929) of every whitened residual.

@@ -246,8 +246,8 @@ def diagnose(
     beside = Beside.of(baseline, columns, null)
     bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
     extended = judged = _judged(baseline, beside, null, bumps, Columns.of(noise))
-    lone = judged.spot if judged.spot.p_value < SINGLE else None
-    places, mismatch = locate(baseline, forms, beside, bumps, lone)
+    strange = [one for one in judged.patterns if one.p_value < SINGLE]
+    places, mismatch = locate(baseline, forms, beside, bumps, strange)
     if whole is not baseline:
         extended = _judged(whole, Beside.of(whole, columns, null), null, bumps, judged.columns)
     named = named_in(attempts, model, extended.left if extended.unexplained else 0.0)

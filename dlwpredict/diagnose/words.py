@@ -66,7 +66,7 @@ def remainder(found: Diagnosis) -> str:
         name = found.recordings[strangest.pair].name
         if strangest is wave:
             return (
-                f"A ripple of period {wave.period_um:.1f} µm runs at {wave.angle_deg:.0f}° to x in {name}; "
+                f"A ripple of period {wave.period_um:.1f} µm runs at {round(wave.angle_deg)}° to x in {name}; "
                 "no named effect makes one."
             )
         if strangest is lone:
@@ -94,7 +94,7 @@ def tests(found: Diagnosis) -> list[dict[str, Any]]:
         }
     ]
     wave = found.baseline.ripple
-    strongest = f"the strongest wave, period {wave.period_um:.1f} µm at {wave.angle_deg:.0f}° to x, is"
+    strongest = f"the strongest wave, period {wave.period_um:.1f} µm at {round(wave.angle_deg)}° to x, is"
     kind = "more than noise" if wave.p_value < LEVEL else "no more than noise"
     said.append({"name": "ripple", "p_value": wave.p_value, "statement": f"{strongest} {kind}"})
     lone = found.baseline.spot
