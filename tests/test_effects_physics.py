@@ -84,7 +84,7 @@ class TestThresholdChannel:
         after_gap = before[39] * np.exp(-6 * PITCH / 4) + (1 - np.exp(-0.5 * PITCH / 4)) * (
             1 + np.exp(-5.5 * PITCH / 4)
         )
-        assert before[45] == pytest.approx(after_gap, rel=1e-12)
+        assert before[45] == pytest.approx(after_gap, rel=1e-6)  # in single precision
 
     def test_line_ends_count_from_both_ends_of_every_segment(self):
         on = np.zeros((60, 3))
@@ -99,7 +99,7 @@ class TestThresholdChannel:
             inside = slice(first, stop)
             high, low = (rows[inside] - first + 0.5) * PITCH, (stop - rows[inside] - 0.5) * PITCH
             expected[inside] += 0.1 * np.sinh(half) / half * (np.exp(-low / 2) + 0.5 * np.exp(-high / 2))
-        np.testing.assert_allclose(dose, expected, rtol=1e-12)
+        np.testing.assert_allclose(dose, expected, rtol=1e-6)  # in single precision
         np.testing.assert_array_equal(one.intensity(target, 2.5), 1)
 
     def test_proximity_of_a_wide_pad_is_a_difference_of_two_edges(self):

@@ -287,20 +287,49 @@ class TestLayers:
 
     @staticmethod
     def column(weight_at, height_um, *, from_glass=True) -> Columns:
-        layers = Layers.of(lambda z: np.full((1, 2), weight_at(z)), 2.0, 0.05, 1)
+        layers = Layers.of(lambda z: weight_at(z) * np.ones((1, 2)), 2.0, 0.05, 1)
         return Columns(layers, np.array([[height_um, 0.0]]), from_glass=from_glass)
 
     @pytest.mark.parametrize("from_glass", [True, False])
     @pytest.mark.parametrize("z_um", [-0.2, 0.5, 1.2])
     def test_the_convolution_is_the_integral(self, z_um, from_glass):
         height, sigma = 1.13, 0.3
-        found = self.column(lambda z: 1 + 0.4 * z, height, from_glass=from_glass).convolved(z_um, sigma)
+        found = self.column(lambda z: 1 + 0.4 * z, height, from_glass=from_glass).convolved([z_um], [sigma])[0]
         z = np.linspace(-4 if from_glass else 0, height, 40001)
         density = np.exp(-(((z - z_um) / sigma) ** 2) / 2) / sigma / np.sqrt(2 * np.pi)
         assert found[0, 0] == pytest.approx(np.trapezoid((1 + 0.4 * np.maximum(z, 0)) * density, z), abs=2e-4)
         assert found[0, 1] == 0
 
     def test_the_highest_weight_may_lie_deep_in_the_column(self):
-        highest = self.column(lambda z: 3.0 if 0.39 < z < 0.41 else 1.0, 1.13).highest
+        highest = self.column(lambda z: np.where((z > 0.39) & (z < 0.41), 3.0, 1.0), 1.13).highest
         np.testing.assert_array_equal(highest, [[3.0, 0.0]])
-        assert self.column(lambda z: 3.0 if z > 1.5 else 1.0, 1.13).highest[0, 0] == 1.0
+        assert self.column(lambda z: np.where(z > 1.5, 3.0, 1.0), 1.13).highest[0, 0] == 1.0
+
+    @pytest.mark.parametrize("from_glass", [True, False])
+    @pytest.mark.parametrize("same", ["at every height", "on the whole plane"])
+    def test_a_weight_that_does_not_depend_on_z_or_on_the_place_is_the_same_written_out(self, same, from_glass):
+        rng = np.random.default_rng(0)
+        heights = rng.uniform(0, 2, (5, 6)) * (rng.random((5, 6)) < 0.8)
+        plane = rng.uniform(0.5, 1.5, (5, 6)) if same == "at every height" else np.ones((1, 1))
+
+        def weight(z):
+            return plane if same == "at every height" else 1 + 0.3 * z**2
+
+        short = Layers.of(weight, 2.0, 0.05, 1)
+        whole = Layers.of(lambda z: weight(z) * np.ones((len(z), 5, 6)), 2.0, 0.05, 1)
+        assert short.factors and not whole.factors and short.weights.size < whole.weights.size
+        one, other = (Columns(layers, heights, from_glass=from_glass) for layers in (short, whole))
+        np.testing.assert_allclose(one.highest, other.highest, rtol=1e-6)
+        z, sigma = [-0.1, 0.7, 1.9], [0.3, 0.3, 0.4]
+        np.testing.assert_allclose(one.convolved(z, sigma), other.convolved(z, sigma), atol=2e-6)
+
+    def test_layers_far_below_count_as_the_lowest_one_kept(self):
+        def weight(z):
+            return (1 + 0.3 * z) * np.ones((1, 2))
+
+        whole, upper = (Layers.of(weight, 4.0, 0.2, 1, bottom_um) for bottom_um in (0.0, 1.1))
+        assert upper.faces_um[0] == pytest.approx(1.0) and len(upper.weights) == len(whole.weights) - 5
+        np.testing.assert_array_equal(upper.at(7), whole.at(7))
+        heights = np.array([[3.7, 3.1]])
+        found = [Columns(layers, heights, from_glass=True).convolved([3.0], [0.3]) for layers in (whole, upper)]
+        np.testing.assert_allclose(*found, atol=2e-6)

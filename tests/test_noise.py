@@ -1,10 +1,15 @@
-"""The noise model against dense algebra and against its own draws."""
+"""The noise model, its whitening and its estimate against dense algebra, closed forms and their own draws."""
 
 import numpy as np
 import pytest
 
-from dlwpredict.noise import PURE, SMOOTHNESSES, Noise, estimate, matern, scatter
-from dlwpredict.whitening import Neighbourhood
+from dlwpredict.align.pose import Pose
+from dlwpredict.align.resample import prepared, resample
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
+from dlwpredict.noise.estimate import _at, estimate
+from dlwpredict.noise.unevenness import Uneven, Unevenness, grown
+from dlwpredict.noise.whitening import Neighbourhood, Whitener
 
 MODEL = Noise(white_um=0.005, correlated_um=0.02, length_um=1.5, dx_um=0.4, dy_um=0.5)
 
@@ -21,24 +26,20 @@ def dense(used) -> np.ndarray:
     return MODEL.correlated_um**2 * matern(distance, MODEL.length_um) + MODEL.white_um**2 * np.eye(len(row))
 
 
+NOISE = Noise(0.005, 0.02, 1.0, 0.4, 0.4)
+
+
+@pytest.fixture(scope="module")
+def holes() -> np.ndarray:
+    used = np.random.default_rng(0).random((60, 70)) > 0.1
+    used[20:30, 15:35] = False
+    return used
+
+
 class TestAlgebra:
     def test_times_is_the_dense_product(self, used, dense):
         v = np.random.default_rng(0).normal(size=used.sum())
         np.testing.assert_allclose(MODEL.times(scatter(v, used))[used], dense @ v, rtol=1e-10, atol=1e-14)
-
-    def test_solve_is_the_dense_inverse_on_the_pixels_that_count(self, used, dense):
-        v = np.random.default_rng(1).normal(size=(2, used.sum()))
-        np.testing.assert_allclose(MODEL.solve(v, used, tolerance=1e-10), np.linalg.solve(dense, v.T).T, rtol=1e-5)
-
-    def test_gaps_are_filled_by_the_conditional_mean(self, used, dense):
-        v = np.random.default_rng(3).normal(size=used.sum())
-        row, col = np.nonzero(used)
-        gap = np.argwhere(~used)[5]
-        distance = np.hypot((row - gap[0]) * MODEL.dy_um, (col - gap[1]) * MODEL.dx_um)
-        expected = MODEL.correlated_um**2 * matern(distance, MODEL.length_um) @ np.linalg.solve(dense, v)
-        filled = MODEL.conditional_mean(v, used)
-        assert filled[tuple(gap)] == pytest.approx(expected, rel=1e-4)
-        np.testing.assert_array_equal(filled[used], v)
 
     def test_effective_points_are_those_of_the_mean(self, used, dense):
         n = used.sum()
@@ -46,56 +47,6 @@ class TestAlgebra:
 
     def test_white_noise_counts_every_pixel(self, used):
         assert Noise(0.01, 0.0, 1.0, 0.4, 0.4).effective_points(used) == pytest.approx(used.sum())
-
-
-class TestEstimate:
-    @pytest.mark.parametrize(("white", "correlated", "length"), [(0.003, 0.02, 1.0), (0.01, 0.02, 2.0)])
-    def test_gappy_maps_give_the_model_back(self, white, correlated, length):
-        rng = np.random.default_rng(0)
-        truth = Noise(white, correlated, length, 0.4, 0.4)
-        used = np.ones((100, 100), dtype=bool)
-        used[40:50], used[:, 70:74] = False, False
-        used &= rng.random(used.shape) > 0.05
-        found = [estimate([truth.simulate(used.shape, rng)], used, 0.4, 0.4) for _ in range(6)]
-        assert np.mean([f.white_um for f in found]) == pytest.approx(white, abs=0.001)
-        assert np.mean([f.correlated_um for f in found]) == pytest.approx(correlated, rel=0.1)
-        assert np.mean([f.length_um for f in found]) == pytest.approx(length, rel=0.12)
-
-    def test_smoothed_noise_keeps_its_weight_at_long_waves(self):
-        truth = Noise(0.001, 0.02, 1.4, 0.5, 0.5, smoothness=np.inf)
-        used = np.ones((90, 90), dtype=bool)
-        found = estimate([truth.simulate(used.shape, np.random.default_rng(9))], used, 0.5, 0.5)
-        assert found.effective_points(used) == pytest.approx(truth.effective_points(used), rel=0.25)
-
-    def test_white_noise_is_not_taken_for_correlated(self):
-        rng = np.random.default_rng(4)
-        found = estimate([0.02 * rng.normal(size=(80, 80))], np.ones((80, 80), dtype=bool), 0.5, 0.5)
-        assert found.sigma_um == pytest.approx(0.02, rel=0.08)
-        assert found.effective_points(np.ones((80, 80), dtype=bool)) > 0.5 * 6400
-
-    def test_long_waves_count_as_much_as_the_many_short_ones(self):
-        rng = np.random.default_rng(11)
-        short, long = (Noise(0.002, 0.02, length, 0.2, 0.2, smoothness=np.inf) for length in (0.3, 3.0))
-        used = np.ones((160, 160), dtype=bool)
-        found = estimate([short.simulate(used.shape, rng) + 0.5 * long.simulate(used.shape, rng)], used, 0.2, 0.2)
-        power = sum(f**2 * n.sigma_um**2 / n.effective_points(used) for f, n in ((1, short), (0.5, long)))
-        ratio = found.sigma_um**2 / found.effective_points(used) / power  # variance of the mean, found over true
-        assert 1 / 3 < ratio < 3  # of neither form; with equal weight for every wave it is 1/18
-
-    def test_spikes_do_not_pass_for_noise(self):
-        rng = np.random.default_rng(5)
-        values = MODEL.simulate((90, 90), rng)
-        values[rng.random(values.shape) < 0.005] += 3.0
-        found = estimate([values], np.ones(values.shape, dtype=bool), MODEL.dx_um, MODEL.dy_um)
-        assert found.correlated_um == pytest.approx(MODEL.correlated_um, rel=0.2)
-        assert found.sigma_um == pytest.approx(MODEL.sigma_um, rel=0.15)
-
-    def test_unmeasured_pixels_are_not_looked_at(self):
-        values = MODEL.simulate((60, 60), np.random.default_rng(6))
-        used = np.ones(values.shape, dtype=bool)
-        used[20:30, 10:50] = False
-        gap = np.where(used, values, np.nan)
-        assert estimate([gap], used, 0.4, 0.5) == estimate([values], used, 0.4, 0.5)
 
 
 def test_draws_have_the_models_covariance():
@@ -140,3 +91,173 @@ def test_a_neighbour_is_as_far_as_the_pitch_along_its_axis(shape, distance):
     coefficients, variances = Neighbourhood.of(np.ones(shape, bool), 0.4, 0.7).rows(noise)
     assert np.abs(coefficients).sum(axis=1) == pytest.approx([0, beside / 0.26])
     assert variances == pytest.approx([0.26, 0.26 - beside**2 / 0.26])
+
+
+def test_whitened_noise_is_white(holes):
+    rng = np.random.default_rng(1)
+    whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
+    draws = np.stack([whitener @ NOISE.simulate(holes.shape, rng)[holes] for _ in range(40)])
+    assert draws.var() == pytest.approx(1, abs=0.02)
+    neighbours = np.mean(draws[:, 1:] * draws[:, :-1])
+    assert abs(neighbours) < 0.02
+
+
+UNEVEN = Uneven(NOISE, jitter_um=0.03, power=1.0, row_um=0.008, column_um=0.004)
+
+
+def test_uneven_noise_has_the_covariance_that_it_says():
+    """S C S + σ_r²·[same row] + σ_l²·[same column], by the whitener and by draws."""
+    used = np.ones((9, 11), dtype=bool)
+    used[3:5, 4:6] = False
+    slope = np.random.default_rng(0).random(used.shape) * 2
+    row, col = np.nonzero(used)
+    distance = 0.4 * np.hypot(np.subtract.outer(row, row), np.subtract.outer(col, col))
+    scale = 1 + 0.03 * slope[used] / NOISE.sigma_um
+    covariance = scale * scale[:, None] * (0.02**2 * matern(distance, 1.0) + 0.005**2 * np.eye(len(row)))
+    covariance += 0.008**2 * (row == row[:, None]) + 0.004**2 * (col == col[:, None])
+    whitener = Whitener.of(used, UNEVEN, slope)
+    matrix = whitener @ np.eye(len(row))
+    np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(len(row)), atol=0.03)
+    np.testing.assert_allclose(whitener.transposed(np.eye(len(row))), matrix.T, atol=1e-9)
+    rng = np.random.default_rng(1)
+    draws = np.stack([UNEVEN.simulate(used.shape, rng, slope)[used] for _ in range(4000)])
+    np.testing.assert_allclose(np.cov(draws.T), covariance, atol=0.1 * covariance.max())
+
+
+def test_uneven_noise_is_recognised_and_even_noise_is_not_called_so():
+    used, rng = np.ones((80, 80), dtype=bool), np.random.default_rng(5)
+    used[30:33] = False
+    y, x = np.mgrid[:80, :80] / 80
+    level = np.stack([np.ones(x.shape), x, y])
+    slope = 2 * np.abs(np.sin(6 * x) * np.sin(5 * y))
+
+    def found(noise: Uneven) -> Uneven:
+        values = noise.simulate(used.shape, rng, slope)
+        return estimate(values, used, (0.4, 0.4), level, slope=slope, seed=1).model
+
+    even = Noise(0.004, 0.012, 1.0, 0.4, 0.4)
+    assert all(vars(found(Uneven(even)))[name] == 0 for name in ("jitter_um", "row_um", "column_um"))
+    jitter, rows, columns = (
+        found(Uneven(even, **one)) for one in ({"jitter_um": 0.02}, {"row_um": 0.004}, {"column_um": 0.004})
+    )
+    assert (jitter.jitter_um, jitter.power) == (pytest.approx(0.02, rel=0.15), 2.0)
+    assert (jitter.row_um, jitter.column_um) == (0, 0)
+    assert rows.row_um == pytest.approx(0.004, rel=0.3) and rows.column_um == 0
+    assert columns.column_um == pytest.approx(0.004, rel=0.3) and columns.row_um == 0
+    for one in (jitter, rows, columns):
+        assert one.even.sigma_um == pytest.approx(even.sigma_um, rel=0.12)
+
+
+def test_whitening_does_not_look_at_what_was_not_measured(holes):
+    whitener = Neighbourhood.of(holes, 0.4, 0.4).whitener(NOISE)
+    assert whitener.shape == (holes.sum(), holes.sum())
+
+
+def test_noise_beside_model_error_is_recovered(holes):
+    """A smooth mismatch ten times the noise, which the free form can follow, does not change the estimate."""
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:60, :70] * 0.4
+    waves = np.stack([np.cos(np.pi * i * x / 28) * np.cos(np.pi * j * y / 24) for i in range(4) for j in range(4)])
+    found = [
+        estimate(NOISE.simulate(holes.shape, rng) + 0.2 * waves[5], holes, (0.4, 0.4), waves, seed=k).model
+        for k in range(2)
+    ]
+    assert np.median([n.even.correlated_um for n in found]) == pytest.approx(0.02, rel=0.2)
+    assert np.median([n.even.length_um for n in found]) == pytest.approx(1.0, rel=0.25)
+
+
+def test_spikes_have_no_say_in_the_noise(holes):
+    rng = np.random.default_rng(3)
+    values, level = NOISE.simulate(holes.shape, rng), np.ones((1, *holes.shape))
+    clean = estimate(values, holes, (0.4, 0.4), level).model
+    values[40:44, 50:54] += 1.0
+    dirty = estimate(values, holes, (0.4, 0.4), level).model
+    assert dirty.sigma_um == pytest.approx(clean.sigma_um, rel=0.1)
+    assert dirty.even.length_um == pytest.approx(clean.even.length_um, rel=0.15)
+
+
+def test_kind_of_correlation_is_recognised():
+    rng, used, level = np.random.default_rng(4), np.ones((90, 90), dtype=bool), np.ones((1, 90, 90))
+    for kind in (1.5, np.inf):
+        noise = Noise(0.004, 0.015, 1.2, 0.4, 0.4, kind)
+        found = estimate(noise.simulate(used.shape, rng), used, (0.4, 0.4), level).model
+        assert (found.even.smoothness, found.even.grain_um) == (kind, 0)
+        assert found.even.length_um == pytest.approx(1.2, rel=0.25)
+
+
+def test_white_noise_that_was_read_between_its_pixels_is_known_by_its_grain():
+    """Taken for white, it may make the noise beside it rougher and longer: a null was called unexplained for it."""
+    rng, target, used = np.random.default_rng(8), HeightMap(np.zeros((110, 110)), 0.4, 0.4), np.ones((110, 110), bool)
+    raw = Noise(0.004, 0.008, 3.0, 0.37, 0.37, np.inf).simulate((150, 150), rng)
+    surface = prepared(HeightMap(raw, 0.37, 0.37), np.ones(raw.shape, bool))
+    laid = resample(surface, surface.support > 0, target, Pose.rigid((0.1, 0.07), 3.0)).heights_um
+    found = estimate(laid, used, (0.4, 0.4), np.ones((1, *used.shape))).model.even
+    assert found.grain_um == pytest.approx(0.2)
+    assert found.smoothness == np.inf
+    assert found.length_um == pytest.approx(3.0, rel=0.15)
+
+
+def test_whitening_is_undone(holes):
+    """In raster order every point stands on those before it, so that the way back is a solve from the top."""
+    slope = np.random.default_rng(7).random(holes.shape)
+    whitener = Whitener.of(holes, Uneven(NOISE, 0.03, 1.0, 0.01, 0.02), slope)
+    values = np.random.default_rng(6).normal(size=(holes.sum(), 2))
+    np.testing.assert_allclose(whitener.solve(whitener @ values), values, atol=1e-9)
+
+
+def test_a_place_is_a_share_a_length_and_a_scale():
+    """Three quarters of the variance 0.01 are correlated over 2 µm."""
+    model = _at(NOISE, np.array([np.log(3.0), np.log(2.0), np.log(0.1)]))
+    assert (model.white_um, model.correlated_um, model.length_um) == pytest.approx((0.05, 0.1 * np.sqrt(0.75), 2.0))
+
+
+def test_uneven_noise_is_the_root_of_its_parts():
+    assert UNEVEN.sigma_um == pytest.approx(np.sqrt(0.005**2 + 0.02**2 + 0.008**2 + 0.004**2))
+    assert grown(0.5, 2.0) == pytest.approx(np.hypot(1, 0.5)) and grown(0.5, 1.0) == pytest.approx(1.5)
+
+
+def test_half_the_time_even_noise_is_most_likely_even():
+    """So a gain of 2.706, which χ² of one degree of freedom exceeds one time in ten, is exceeded one in twenty."""
+    assert Unevenness(0.01, 2.7055).p_value == pytest.approx(0.05, abs=1e-4)
+    assert Unevenness(0.01, 0.0).p_value == 1.0
+    assert (Unevenness(0.01, 5.0).found, Unevenness(0.01, 6.0).found) == (0.0, 0.01)
+
+
+def test_draws_of_one_call_have_the_models_covariance_and_are_independent():
+    """Two are the real and the imaginary part of one transform, on a period little longer than the map."""
+    draws = Noise(0.3, 1.0, 1.2, 0.4, 0.6).simulate_many((30, 20), np.random.default_rng(8), 3001)
+    assert draws.shape == (3001, 30, 20)
+    for lag, distance in (((0, 1), 0.4), ((1, 0), 0.6), ((3, 2), np.hypot(1.8, 0.8)), ((29, 19), 1e9)):
+        here, there = draws[:, : 30 - lag[0], : 20 - lag[1]], draws[:, lag[0] :, lag[1] :]
+        assert np.mean(here * there) == pytest.approx(matern(distance, 1.2), abs=0.05)
+    assert abs(np.mean(draws[:-1:2] * draws[1::2])) < 0.02
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5])
+def test_a_point_is_given_all_its_measured_neighbours_and_no_others(share):
+    """B = C_nn⁻¹·c_in and v = C_ii − c_in·b, by dense algebra, whichever neighbours are missing."""
+    used = np.random.default_rng(9).random((14, 15)) >= share
+    near = Neighbourhood.of(used, 0.4, 0.5, near_px=2, far_px=(4, 8))
+    coefficients, variances = near.rows(MODEL)
+    row, col = np.nonzero(used)
+    covariance = MODEL.at(np.hypot(np.subtract.outer(row, row) * 0.5, np.subtract.outer(col, col) * 0.4))
+    for point in range(0, len(row), 7):
+        known = near.index[point][near.present[point]]
+        expected = np.linalg.solve(covariance[np.ix_(known, known)], covariance[known, point])
+        np.testing.assert_allclose(coefficients[point][near.present[point]], expected, atol=1e-9)
+        assert not coefficients[point][~near.present[point]].any()
+        assert variances[point] == pytest.approx(covariance[point, point] - covariance[point, known] @ expected)
+
+
+def test_many_forms_beside_the_noise_are_paid_for():
+    """120 waves take a sixth of what is correlated; not counted, it would come out weaker and shorter."""
+    truth, rng = Noise(0.004, 0.015, 1.5, 0.4, 0.4), np.random.default_rng(10)
+    used, (y, x) = np.ones((100, 100), dtype=bool), (np.mgrid[:100, :100] + 0.5) / 100
+    waves = np.stack([np.cos(np.pi * i * x) * np.cos(np.pi * j * y) for i in range(11) for j in range(11)])
+    found = [
+        estimate(truth.simulate(used.shape, rng), used, (0.4, 0.4), waves, (1.5,), (0.0,), seed=k) for k in range(8)
+    ]
+    logs = np.log([(one.model.sigma_um / truth.sigma_um, one.model.even.length_um / 1.5) for one in found])
+    assert np.abs(logs.mean(axis=0)).max() < 0.06
+    claimed = np.mean([np.sqrt(one.covariance[1, 1]) for one in found])
+    assert logs[:, 1].std() == pytest.approx(claimed, rel=0.6)

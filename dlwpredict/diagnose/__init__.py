@@ -1,6 +1,5 @@
 """Diagnosis: what the recordings say about physics that the model lacks.
 
-`evidence` brings residuals, derivatives and nuisances into whitened space; `noise_fit` estimates the noise; `fit` is
-maximum likelihood there; `candidates` and `screen` score every named effect; `attempts` refits them, `judge` weighs
-what that brings, `select` chooses; `freeform` holds the nameless competitors.
+`run` is the loop; `library` holds what each named effect would change; `posterior` and `search` weigh sets of them;
+`structure` tests what has no name; `answer` says it; `policy` has every constant that decides.
 """

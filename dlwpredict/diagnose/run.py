@@ -7,94 +7,65 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlwpredict.calibrate.recordings import Recording, check_points
-from dlwpredict.diagnose import left_out
-from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.attempts import Attempts
-from dlwpredict.diagnose.baseline import calibrated, discretisation_um, likely, noises, without_spikes
-from dlwpredict.diagnose.columns import Columns
-from dlwpredict.diagnose.competitor import LEVEL, SINGLE, Beside, Energy, Forms, agreement
-from dlwpredict.diagnose.evidence import Whitened, steepness
-from dlwpredict.diagnose.finer import on_own_pixels, polished
-from dlwpredict.diagnose.fit import Fit, bare, doubled, fit, placed, valleys
-from dlwpredict.diagnose.freeform import smooth_forms
-from dlwpredict.diagnose.judge import Judge
-from dlwpredict.diagnose.left_out import LeftOut
-from dlwpredict.diagnose.library import Library
-from dlwpredict.diagnose.locate import Place, locate
-from dlwpredict.diagnose.naming import Named, named_in
-from dlwpredict.diagnose.noise_fit import NoiseEstimate
-from dlwpredict.diagnose.refit import effect_of, freed
-from dlwpredict.diagnose.ripple import Ripple, ripple
-from dlwpredict.diagnose.screen import Null, Screen
-from dlwpredict.diagnose.select import select
-from dlwpredict.diagnose.spots import Bumps, Spot, spot
-from dlwpredict.flat import choose
+from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.answer.classes import Named, named_in
+from dlwpredict.diagnose.library.score import Linearised, Thresholds
+from dlwpredict.diagnose.library.signatures import Signatures
+from dlwpredict.diagnose.search import Names, Search
+from dlwpredict.diagnose.structure.columns import Columns
+from dlwpredict.diagnose.structure.forms import Energy, Forms, agreement
+from dlwpredict.diagnose.structure.freeform import smooth_forms
+from dlwpredict.diagnose.structure.places import Place, locate
+from dlwpredict.diagnose.structure.spots import Bumps
+from dlwpredict.diagnose.structure.test import SINGLE, Model
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer import held_out
+from dlwpredict.infer.baseline import fitter_of, rough
+from dlwpredict.infer.fitter import Start
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.intervals import Intervals, intervals
+from dlwpredict.infer.model import freed
+from dlwpredict.infer.noises import noises
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.priors import PARAMETERS
+from dlwpredict.infer.recording import Recording, check_points, doubted
+from dlwpredict.infer.whitened import Whitened, gradient, steepness
+from dlwpredict.noise.estimate import NoiseEstimate
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.process import predict
-from dlwpredict.uneven import Uneven
 
-PASSES = 3
-"""Times that noise and choice are repeated at most, until the noise stays what it was."""
-
-ALIKE = 0.15
-"""Noise models whose strength and length differ by less than this share, and that are uneven alike, are the same."""
-
-EXPLAINED = 0.9
-"""The named effects must explain this share of what the free forms explain."""
+STAGES = {"fit": 0.12, "signatures": 0.2, "noise": 0.15, "screen": 0.13, "refits": 0.3, "judgement": 0.1}
+"""What is done, in order, each with about its share of the time where one effect is found."""
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A fit, what free forms still find in its residual, and how it predicts what it has not seen.
+@dataclass(frozen=True)
+class Stage:
+    """What is going on.
 
     Parameters
     ----------
-    fit : Fit
-    rest : Energy
-        What free forms explain of the residual.
-    structure_um : float
-        Root mean square of that, µm.
-    ripple : Ripple
-        The strongest wave in the residual.
-    spot : Spot
-        The strongest bump or dent in the residual.
-    columns : Columns
-        Offsets of whole columns, lines along y, that the residual was found to have.
-    blocks, recordings : LeftOut or None
-        Errors on blocks and on whole recordings that the fit had not seen.
+    name : str
+    share : float
+        Of the whole that is done, 0 to 1.
+    text : str
+        In words.
     """
 
-    fit: Fit
-    rest: Energy
-    structure_um: float
-    ripple: Ripple
-    spot: Spot
-    columns: Columns
-    blocks: LeftOut | None
-    recordings: LeftOut | None
+    name: str
+    share: float
+    text: str
+
+    @classmethod
+    def of(cls, name: str, text: str) -> Stage:
+        """Begin a stage."""
+        return cls(name, sum(list(STAGES.values())[: list(STAGES).index(name)]), text)
 
     @property
-    def patterns(self) -> tuple[Ripple, Spot, Columns]:
-        """The strongest of each kind of structure that has a form of its own."""
-        return self.ripple, self.spot, self.columns
-
-    @property
-    def p_value(self) -> float:
-        """Probability that noise alone leaves as strange a remainder: by free forms, as a ripple, a spot, columns."""
-        return min(4 * min(self.rest.p_value, *(one.p_value for one in self.patterns)), 1.0)
-
-    @property
-    def unexplained(self) -> bool:
-        """Whether there is more than noise in the residual."""
-        return self.p_value < LEVEL
-
-    @property
-    def left(self) -> float:
-        """What χ² in the residual is beyond noise: by free forms, and by every pattern that stands out by itself."""
-        return max(self.rest.excess, 0) + sum(one.excess for one in self.patterns if one.p_value < SINGLE)
+    def number(self) -> int:
+        """Its place, from 1."""
+        return list(STAGES).index(self.name) + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +80,11 @@ class Diagnosis:
         The same object where nothing was named.
     named : tuple of Named
         Effects that were added, strongest first.
-    library : Library
-    screen : Screen
+    screen : Linearised
         Scores beside the baseline.
+    thresholds : Thresholds
     null : Null
-    forms : Forms
+    objective : Objective
     agreement : Energy or None
         Whether every recording alone would give the same parameters.
     places : tuple of Place
@@ -122,6 +93,9 @@ class Diagnosis:
         How surely each pixel differs from the baseline beyond noise, 0 to 1.
     holdout : tuple of Whitened
         Recordings that no fit has seen.
+    not_tried : tuple of str
+        Effects that no refit has tried yet although the screen points at them; empty where the search is complete.
+    complete : bool
     """
 
     recordings: tuple[Recording, ...]
@@ -129,14 +103,16 @@ class Diagnosis:
     baseline: Model
     extended: Model
     named: tuple[Named, ...]
-    library: Library
-    screen: Screen
+    screen: Linearised
+    thresholds: Thresholds
     null: Null
-    forms: Forms
+    objective: Objective
     agreement: Energy | None
     places: tuple[Place, ...]
     mismatch: tuple[np.ndarray, ...]
     holdout: tuple[Whitened, ...] = ()
+    not_tried: tuple[str, ...] = ()
+    complete: bool = True
 
     @property
     def holdout_by(self) -> str:
@@ -148,10 +124,15 @@ class Diagnosis:
     def held_out_um(self, fitted: Fit) -> float | None:
         """Return the root mean square error of a fit on data that it has not seen, µm."""
         if self.holdout:
-            seen = placed(self.holdout, fitted.free, fitted.point.vector)
-            return seen.rmse_um()
-        found = left_out.recordings(fitted) or left_out.blocks(fitted)
+            seen = replace(self.objective, data=self.holdout, work=Work())
+            return seen.at(fitted.free, fitted.vector).rmse_um()
+        found = held_out.recordings(fitted) or held_out.blocks(fitted)
         return found.rmse_um if found else None
+
+    def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
+        """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
+        own = [name for name in fitted.free.names if "." in name]
+        return intervals(fitted, self.null, self.objective if profiles else None, own)
 
     @property
     def explained(self) -> float:
@@ -162,7 +143,7 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """The strongest statement that the data allow: identified, ambiguous, unexplained or none."""
-        if self.extended.unexplained and self.explained < EXPLAINED:
+        if self.extended.unexplained and self.explained < policy.EXPLAINED:
             return "unexplained"
         if not self.named:
             return "none"
@@ -176,19 +157,21 @@ def diagnose(
     repeats: Sequence[Sequence[HeightMap]] | None = None,
     holdout: Sequence[Recording] = (),
     seed: int = 0,
-    tell: Callable[[str], None] = lambda text: None,
+    tell: Callable[[Stage], None] = lambda stage: None,
+    keep: Callable[[Diagnosis], None] = lambda found: None,
     workers: Workers = ALONE,
+    work: Work | None = None,
 ) -> Diagnosis:
     """Find out what the model lacks.
 
-    Calibrate; estimate the noise beside everything that might be in the residual; fit by maximum likelihood; score all
-    named effects; refit and choose; judge the choice by free forms and by data left out. Once effects are named, the
-    noise is estimated again beside them, the change on finer pixels is taken anew, and the choice repeated with both.
+    Fit; estimate the noise beside everything that might be in the residual; then linearise, enumerate sets of effects
+    and refit the leading ones, until they stay; estimate the noise beside the best set, and search again, until the
+    noise stays.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        From `prepare`.
+        From `prepare`, on the pixels that they are to be worked on.
     start : ParameterSet
         Effects that it holds belong to the baseline.
     repeats : sequence of sequence of HeightMap, optional
@@ -196,10 +179,14 @@ def diagnose(
     holdout : sequence of Recording
         Scored, never used in a fit or a choice.
     seed : int
-    tell : function of str
+    tell : function of Stage
         Told what goes on.
+    keep : function of Diagnosis
+        Given every answer that is valid already, complete or not.
     workers : Workers
         Who share what can be done at once.
+    work : Work, optional
+        Counts the predictions.
 
     Raises
     ------
@@ -207,90 +194,117 @@ def diagnose(
         Too few points.
     """
     check_points(recordings)
-    recordings = tuple(bare(recording) for recording in recordings)
-    repeats = repeats or [()] * len(recordings)
+    work = work or Work()
     free = freed(start, choose(start))
-    tell("calibrating")
-    point = calibrated(recordings, free, seed)
-    recordings, point = without_spikes(recordings, free, point)
-    tell(f"calibrated: rmse {1e3 * point.rmse_um:.1f} nm; signatures")
-    rough = likely(recordings, free, point, workers)
-    around = Around.of(rough[0], workers)
-    found, starts, pixels = None, [one.point.vector for one in rough], around.discretisation_um
-    better = noises(recordings, rough[0].residuals_um(), around.designs, repeats, None, around.slopes, seed, workers)
-    for _ in range(PASSES):
+    tell(Stage.of("fit", "fitting the seven"))
+    recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
+    objective = Objective(first.data, PARAMETERS, work)
+    tell(Stage.of("signatures", "what each named effect would change"))
+    signatures = {frozenset(): Signatures.of(first, (), work, workers)}
+    slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
+    designs = _designs(first, signatures[frozenset()], objective)
+    estimate = {"repeats": repeats, "slopes": slopes, "seed": seed, "workers": workers}
+    tell(Stage.of("noise", "estimating the noise"))
+    better, found, ended = noises(recordings, first.residuals_um(), designs, **estimate), None, ()
+    for _ in range(policy.PASSES):
         noise = better
-        tell("noise " + ", ".join(f"{1e3 * n.sigma_um:.1f} nm over {n.even.length_um:.1f} µm" for n in _models(noise)))
-        data = [Whitened.of(*own) for own in zip(recordings, _models(noise), pixels, around.slopes, strict=True)]
-        begun = fit(data, found.free, start=found.point.vector) if found else None
-        baseline, *others = (on_own_pixels(one, workers, begun) for one in valleys(data, free, starts, workers))
-        library, null = Library.of(around, baseline), Null.of(baseline.data, noise, seed, workers)
-        judge = Judge(baseline, library, null)
-        attempts = Attempts(judge, tell, workers, others)
-        model = select(attempts, begun)
-        if model is baseline:
+        fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers)
+        tell(Stage.of("screen", "scoring every named effect"))
+        baseline = fitter.best(Start(first.parameters))
+        null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
+        judge = _Judge(recordings, noise, baseline, fitter.objective, null, holdout, free, seed)
+        search = Search(fitter, null, baseline, signatures)
+        keep(judge.answer(search, frozenset(), complete=False))
+        tell(Stage.of("refits", "refitting the leading sets of effects"))
+        search.watch = lambda names, judge=judge, search=search: keep(judge.answer(search, names, complete=False))
+        search.begin_with(ended)
+        found = search.run()
+        if not found:
             break
-        found, starts = on_own_pixels(model, workers), doubled(free, baseline.point.vector)
-        pixels = [item.discretisation_um for item in found.data]
-        better = noises(recordings, found.residuals_um(), around.designs, repeats, noise, around.slopes, seed, workers)
-        if found is model and all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
+        model = search.fitted[found]
+        better = noises(recordings, model.residuals_um(), designs, like=noise, **estimate)
+        if all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
             break
-    tell("judging")
-    screened, whole = judge.screen(baseline), polished(model, workers)
-    while idle := judge.idle(whole):
-        model = attempts.rest(whole, idle)
-        whole = polished(model, workers)
-    baseline = whole if model is baseline else polished(baseline, workers)
-    forms = Forms.of(baseline)
-    columns = forms.columns
-    beside = Beside.of(baseline, columns, null)
-    bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
-    extended = judged = _judged(baseline, beside, null, bumps, Columns.of(noise))
-    strange = [one for one in judged.patterns if one.p_value < SINGLE]
-    places, mismatch = locate(baseline, forms, beside, bumps, strange)
-    if whole is not baseline:
-        extended = _judged(whole, Beside.of(whole, columns, null), null, bumps, judged.columns)
-    named = named_in(attempts, model, extended.left if extended.unexplained else 0.0)
-    named = [replace(one, effect=effect_of(whole, one.effect.name), fit=whole) for one in named]
-    return Diagnosis(
-        recordings,
-        tuple(noise),
-        judged,
-        extended,
-        tuple(named),
-        library,
-        screened,
-        null,
-        forms,
-        agreement(baseline, null),
-        tuple(places),
-        tuple(mismatch),
-        tuple(_held_out(bare(recording), baseline, seed) for recording in holdout),
-    )
+        first, ended = search.baseline, search.near()
+    tell(Stage.of("judgement", "judging what is left"))
+    answer = judge.answer(search, found, complete=True)
+    keep(answer)
+    return answer
 
 
-def _held_out(recording: Recording, baseline: Fit, seed: int) -> Whitened:
+class _Judge:
+    """Turns a state of the search into an answer; what hangs on the baseline alone is computed once."""
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        noise: Sequence[NoiseEstimate],
+        baseline: Fit,
+        objective: Objective,
+        null: Null,
+        holdout: Sequence[Recording],
+        free,
+        seed: int,
+    ) -> None:
+        self.recordings, self.noise, self.objective, self.null = tuple(recordings), tuple(noise), objective, null
+        self.forms = Forms.of(baseline)
+        self.bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
+        self.baseline = Model.of(baseline, self.forms, self.bumps, Columns.of(noise), null)
+        strange = [one for one in self.baseline.patterns if one.p_value < SINGLE]
+        self.places, self.mismatch = locate(baseline, self.forms, self.baseline.beside, self.bumps, strange)
+        self.agreement = agreement(baseline, self.baseline.draws)
+        self.holdout = tuple(_held_out(doubted(r), baseline, objective, free, seed) for r in holdout)
+        self.models: dict[Names, Model] = {frozenset(): self.baseline}
+
+    def answer(self, search: Search, names: Names, *, complete: bool) -> Diagnosis:
+        """Return the answer that the best set so far gives."""
+        if names not in self.models:
+            fit = search.fitted[names]
+            self.models[names] = Model.of(fit, self.forms, self.bumps, self.baseline.columns, self.null)
+        extended = self.models[names]
+        left = extended.left if extended.unexplained else 0.0
+        tried = frozenset().union(*search.fitted)
+        return Diagnosis(
+            self.recordings,
+            self.noise,
+            self.baseline,
+            extended,
+            tuple(named_in(search, names, left)) if complete or names else (),
+            search.first,
+            search.asked,
+            self.null,
+            self.objective,
+            self.agreement,
+            tuple(self.places),
+            tuple(self.mismatch),
+            self.holdout,
+            () if complete else tuple(sorted(set(search.first.names) - tried)),
+            complete,
+        )
+
+
+def _held_out(recording: Recording, baseline: Fit, objective: Objective, free, seed: int) -> Whitened:
     """Whiten a recording by the noise of its own."""
-    parameters = baseline.parameters
-    predicted = predict(recording.target, parameters, as_measured=True).heights_um
-    residual = np.where(recording.used, recording.measured.heights_um - predicted, 0.0)
-    slope = steepness(predicted, recording.target)
-    noise = noises([recording], [residual], [smooth_forms(recording.target)], [()], slopes=[slope], seed=seed)[0]
-    return Whitened.of(recording, noise.model, discretisation_um(recording, parameters), slope)
+    from dlwpredict.infer.noises import white
+
+    rough_item = Whitened.of(recording, white(recording, 0.01))
+    seen = replace(objective, data=(rough_item,), work=Work()).at(baseline.free, baseline.vector)
+    slope = steepness(seen.traces[0].heights_um, recording.target)
+    noise = noises([recording], seen.residuals_um(), [smooth_forms(recording.target)], slopes=[slope], seed=seed)[0]
+    return replace(Whitened.of(recording, noise.model, slope), shift_um=seen.data[0].shift_um)
 
 
-def _judged(fitted: Fit, beside: Beside, null: Null, bumps: Sequence[Bumps], columns: Columns) -> Model:
-    draws = null.beside(fitted.basis)
-    return Model(
-        fitted,
-        beside.energy(),
-        beside.structure_um(fitted),
-        ripple(fitted, draws),
-        spot(fitted, draws, bumps),
-        columns,
-        left_out.blocks(fitted),
-        left_out.recordings(fitted),
-    )
+def _designs(first: Fit, signatures: Signatures, objective: Objective) -> list[np.ndarray]:
+    """Return what may be in each recording's residual besides noise, shape (columns, rows, cols)."""
+    derivatives = objective.derivatives(first, range(len(first.free.names)))
+    designs = []
+    for k, item in enumerate(first.data):
+        grid, predicted = item.recording.target, first.traces[k].heights_um
+        shifts = gradient(predicted, grid.dx_um, 1), gradient(predicted, grid.dy_um, 0)
+        fine = np.broadcast_to(item.discretisation_um, grid.shape)
+        named = np.stack([maps[k] for maps in signatures.maps_um])
+        designs.append(np.concatenate([smooth_forms(grid), derivatives[k], np.stack([*shifts, fine]), named]))
+    return designs
 
 
 def _models(noise: Sequence[NoiseEstimate]) -> list[Uneven]:
@@ -301,4 +315,4 @@ def _alike(one: Uneven, other: Uneven) -> bool:
     """Tell whether two models of noise are uneven in the same ways, and else the same to the accuracy of estimates."""
     ways = [(noise.jitter_um > 0, noise.row_um > 0, noise.column_um > 0) for noise in (one, other)]
     pairs = (one.sigma_um, other.sigma_um), (one.even.length_um, other.even.length_um)
-    return ways[0] == ways[1] and all(abs(np.log(a / b)) < ALIKE for a, b in pairs)
+    return ways[0] == ways[1] and all(abs(np.log(a / b)) < policy.ALIKE for a, b in pairs)

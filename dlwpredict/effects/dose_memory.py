@@ -14,14 +14,14 @@ from dlwpredict.smoothing import trailing_mean
 
 
 def written_before(on: np.ndarray, dx_um: float, length_um: float, direction: float) -> np.ndarray:
-    """Return the one-sided exponential mean of the layer along the hatch direction, 0–1, shape (rows, cols).
+    """Return the one-sided exponential mean of the layer along the hatch direction, 0–1, same shape.
 
     m(x) = (1/L) ∫₀^∞ e^(−s/L) occ(x − s) ds: oxygen used up, radicals and heat left by the neighbouring lines of the
     same layer. Far inside a wide part m = 1 (a plateau after about 3 L). Waller & von Freymann, Polymers 8, 297 (2016).
 
     Parameters
     ----------
-    on : numpy.ndarray, shape (rows, cols)
+    on : numpy.ndarray, shape (..., rows, cols)
         1 where this layer is written.
     dx_um, length_um : float
         Pitch, and memory length L, µm.
@@ -29,7 +29,7 @@ def written_before(on: np.ndarray, dx_um: float, length_um: float, direction: fl
         +1: the hatch runs towards +x.
     """
     step = int(direction)
-    return trailing_mean(on[:, ::step], length_um / dx_um, axis=1)[:, ::step]
+    return trailing_mean(on[..., ::step], length_um / dx_um, axis=-1)[..., ::step]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class DoseMemory(DoseEffect):
     length_um: float = declare(8.0, "µm", 0.5, 50, "distance over which the memory fades")
     direction: float = declare(1.0, "1", -1, 1, "hatch direction, +1 towards +x, -1 towards -x", fitted=False)
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D while the layer at height z is written."""
         on = occupied(written, z_um)
         return 1 + self.gain * written_before(on, written.dx_um, self.length_um, self.direction)

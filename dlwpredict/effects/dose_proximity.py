@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from dlwpredict.effects.base import DoseEffect
-from dlwpredict.effects.plane import gaussian_um
+from dlwpredict.effects.plane import gaussian_um, up_to_surface
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Dose
 from dlwpredict.parameters import declare
-from dlwpredict.smoothing import FWHM_PER_SIGMA
+from dlwpredict.smoothing import FWHM_PER_SIGMA, ndtr
 
 
-def neighbourhood(written: HeightMap, z_um: float, fwhm_um: float) -> np.ndarray:
-    """Return the share of written resin around each point, G ⊛ occupancy in three dimensions, 0–1, shape (rows, cols).
+def neighbourhood(written: HeightMap, z_um: float | np.ndarray, fwhm_um: float) -> np.ndarray:
+    """Return the share of written resin around each point, G ⊛ occupancy in three dimensions, 0–1.
+
+    Of shape (rows, cols), or (n, rows, cols) for heights of shape (n, 1, 1).
 
     A column is written for 0 ≤ z′ < h, so along z the Gaussian gives Φ((h − z)/s) − Φ(−z/s). The glass adds nothing:
     scattered light, heat and radicals come from resin, which begins at z = 0. Waller & von Freymann, Polymers 8, 297
@@ -25,14 +26,14 @@ def neighbourhood(written: HeightMap, z_um: float, fwhm_um: float) -> np.ndarray
     Parameters
     ----------
     written : HeightMap
-    z_um : float
+    z_um : float, or numpy.ndarray of shape (n, 1, 1)
         Height of the layer.
     fwhm_um : float
         FWHM of the neighbourhood, along all three axes.
     """
     sigma = fwhm_um / FWHM_PER_SIGMA
-    column = ndtr((written.heights_um - z_um) / sigma) - ndtr(-z_um / sigma)
-    return gaussian_um(np.where(written.heights_um > 0, column, 0), written, fwhm_um)
+    below = ndtr(np.asarray(-z_um / sigma, dtype=np.float32)) * (written.heights_um > 0)
+    return gaussian_um(up_to_surface(written, z_um, sigma) - below, written, fwhm_um)
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,6 @@ class DoseProximity(DoseEffect):
         """Return the dose with this background: it reaches the resin, wherever the focus is."""
         return self.added(state, background=(*state.background, self.intensity))
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D at height z."""
         return 1 + self.gain * neighbourhood(written, z_um, self.fwhm_um)

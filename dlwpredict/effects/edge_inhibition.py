@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from dlwpredict.effects.base import ThresholdEffect
-from dlwpredict.effects.plane import gaussian_um
+from dlwpredict.effects.plane import gaussian_um, up_to_surface
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import declare
 from dlwpredict.smoothing import FWHM_PER_SIGMA
 
 
-def unexposed_share(written: HeightMap, z_um: float, fwhm_um: float) -> np.ndarray:
-    """Return the share of unexposed resin around each point, 1 − G ⊛ occupancy in three dimensions, (rows, cols).
+def unexposed_share(written: HeightMap, z_um: float | np.ndarray, fwhm_um: float) -> np.ndarray:
+    """Return the share of unexposed resin around each point, 1 − G ⊛ occupancy in three dimensions.
+
+    Of shape (rows, cols), or (n, rows, cols) for heights of shape (n, 1, 1).
 
     Oxygen diffuses in from where resin stays unexposed, the top included. The glass holds none: below z = 0 counts as
     occupied under the part, so along z the Gaussian gives Φ((h − z)/s).
@@ -23,13 +24,13 @@ def unexposed_share(written: HeightMap, z_um: float, fwhm_um: float) -> np.ndarr
     Parameters
     ----------
     written : HeightMap
-    z_um : float
+    z_um : float, or numpy.ndarray of shape (n, 1, 1)
         Height of the layer.
     fwhm_um : float
         FWHM of the diffusion, along all three axes.
     """
-    column = ndtr((written.heights_um - z_um) / (fwhm_um / FWHM_PER_SIGMA))
-    return 1 - gaussian_um(np.where(written.heights_um > 0, column, 0), written, fwhm_um)
+    column = up_to_surface(written, z_um, fwhm_um / FWHM_PER_SIGMA)
+    return 1 - gaussian_um(column, written, fwhm_um)
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,6 @@ class EdgeInhibition(ThresholdEffect):
     gain: float = declare(0.0, "1", 0.0, 0.8, "relative rise of the threshold in unexposed surroundings", typical=0.1)
     fwhm_um: float = declare(3.0, "µm", 0.3, 20, "width over which oxygen diffuses in")
 
-    def factor(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def factor(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return the factor on P at height z."""
         return 1 + self.gain * unexposed_share(written, z_um, self.fwhm_um)

@@ -10,25 +10,27 @@ from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import occupied
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import declare
+from dlwpredict.smoothing import faded
 
 
-def distance_to_end(on: np.ndarray, pitch: float) -> np.ndarray:
-    """Return the distance of every pixel's centre to the top (row 0 side) end of its run of ones along the rows.
+def from_end(on: np.ndarray, length_px: float) -> np.ndarray:
+    """Return e^(−d/L), d from a pixel's centre to the end of its run of ones on the side of index 0; 0 between runs.
 
     Parameters
     ----------
-    on : numpy.ndarray of bool, shape (rows, cols)
-    pitch : float
-        Distance of the rows, µm.
+    on : numpy.ndarray of 0 and 1, shape (rows, ...)
+        Runs along the first axis.
+    length_px : float
+        L in pixels.
 
     Examples
     --------
-    >>> distance_to_end(np.array([[0, 1, 1, 0, 1]], dtype=bool).T, 1.0).T[0, [1, 2, 4]].tolist()
+    >>> (-np.log(from_end(np.array([0.0, 1, 1, 0, 1]), 1.0)[[1, 2, 4]])).round(9).tolist()
     [0.5, 1.5, 0.5]
     """
-    row = np.arange(len(on))[:, None]
-    last_off = np.maximum.accumulate(np.where(on, -1, row), axis=0)
-    return (row - last_off - 0.5) * pitch
+    first = on.copy()
+    first[1:] *= 1 - on[:-1]
+    return faded(float(np.exp(-0.5 / length_px)) * first, float(np.exp(-1 / length_px)) * on)
 
 
 def line_end_intensity(on: np.ndarray, dy_um: float, gain: float, length_um: float, end_ratio: float) -> np.ndarray:
@@ -39,18 +41,18 @@ def line_end_intensity(on: np.ndarray, dy_um: float, gain: float, length_um: flo
 
     Parameters
     ----------
-    on : numpy.ndarray of bool, shape (rows, cols)
-        Where this layer is written; row 0 is the highest y.
+    on : numpy.ndarray of 0 and 1, shape (..., rows, cols)
+        Where each layer is written; row 0 is the highest y.
     dy_um, length_um : float
         Pitch, and decay length L, µm.
     gain, end_ratio : float
     """
-    to_start = distance_to_end(on[::-1], dy_um)[::-1]
-    to_end = distance_to_end(on, dy_um)
     half = dy_um / (2 * length_um)
-    pixel_mean = np.sinh(half) / half
-    ends = np.exp(-to_start / length_um) + end_ratio * np.exp(-to_end / length_um)
-    return 1 + gain * pixel_mean * np.where(on, ends, 0)
+    pixel_mean = float(np.sinh(half) / half)
+    downwards = np.ascontiguousarray(np.moveaxis(on, -2, 0))
+    starts = from_end(downwards[::-1], length_um / dy_um)[::-1]
+    ends = from_end(downwards, length_um / dy_um) if end_ratio else 0
+    return np.moveaxis(1 + gain * pixel_mean * (starts + end_ratio * ends), 0, -2)
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class LineEndPileup(DoseEffect):
     length_um: float = declare(2.0, "µm", 0.2, 20, "distance over which it decays")
     end_ratio: float = declare(1.0, "1", 0.0, 1.0, "gain at the end of a line over that at its start")
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D of the segments written at height z."""
-        on = occupied(written, z_um) > 0
+        on = occupied(written, z_um)
         return line_end_intensity(on, written.dy_um, self.gain, self.length_um, self.end_ratio)

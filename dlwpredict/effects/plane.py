@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, wide_blur
+from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, ndtr, wide_blur
 
 FIELD_RADIUS_UM = 50.0
 """Distance from the field's centre at which field-dependent effects are stated (ρ = 1)."""
@@ -24,14 +24,20 @@ def where_written(target: HeightMap, heights_um: np.ndarray) -> np.ndarray:
     return np.where(target.heights_um > 0, np.maximum(heights_um, 0), 0)
 
 
-def occupied(written: HeightMap, z_um: float) -> np.ndarray:
-    """Tell where the layer at height z is written, shape (rows, cols) of 0 and 1."""
-    return ((written.heights_um > 0) & (written.heights_um >= z_um)).astype(float)
+def occupied(written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
+    """Tell where the layer at height z is written, (rows, cols) of 0 and 1; several for heights of shape (n, 1, 1)."""
+    return ((written.heights_um > 0) & (written.heights_um >= z_um)).astype(np.float32)
 
 
-def gaussian_um(plane: np.ndarray, grid: HeightMap, fwhm_um: float) -> np.ndarray:
-    """Convolve with a lateral Gaussian of this FWHM; outside the plane there is nothing."""
-    return wide_blur(plane, fwhm_um / FWHM_PER_SIGMA / grid.dy_um, fwhm_um / FWHM_PER_SIGMA / grid.dx_um)
+def up_to_surface(written: HeightMap, z_um: float | np.ndarray, sigma_um: float) -> np.ndarray:
+    """Return Φ((h − z)/σ), 0 beside the part: what is written and the glass under it, convolved along z."""
+    depth = ((written.heights_um - z_um) / sigma_um).astype(np.float32)
+    return ndtr(depth) * (written.heights_um > 0)
+
+
+def gaussian_um(planes: np.ndarray, grid: HeightMap, fwhm_um: float) -> np.ndarray:
+    """Convolve planes (..., rows, cols) with a lateral Gaussian of this FWHM; outside them there is nothing."""
+    return wide_blur(planes, fwhm_um / FWHM_PER_SIGMA / grid.dy_um, fwhm_um / FWHM_PER_SIGMA / grid.dx_um)
 
 
 def blurred_recording(recording: HeightMap, fwhm_um: float) -> np.ndarray:

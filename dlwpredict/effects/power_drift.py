@@ -33,6 +33,6 @@ class PowerDrift(DoseEffect):
         drift = partial(self.along, highest_um=state.written.heights_um.max())
         return self.added(state, intensity=(*state.intensity, drift))
 
-    def along(self, written: HeightMap, z_um: float, *, highest_um: float) -> np.ndarray:
-        """Return D at height z."""
-        return np.full(written.shape, 1 + self.drift * z_um / highest_um)
+    def along(self, written: HeightMap, z_um: float | np.ndarray, *, highest_um: float) -> float | np.ndarray:
+        """Return D at height z, the same on the whole plane."""
+        return 1 + self.drift * z_um / highest_um

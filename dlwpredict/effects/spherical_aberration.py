@@ -55,6 +55,6 @@ class SphericalAberration(DoseEffect):
         state = replace(state, focus=focus)
         return super().act(state) if self.loss_per_um else state
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
-        """Return D = 1 − loss · ẑ, at least a twentieth."""
-        return np.full(written.shape, max(1 - self.loss_per_um * depth_um(z_um, self.depth_power), LEAST))
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
+        """Return D = 1 − loss · ẑ, at least a twentieth, the same on the whole plane."""
+        return np.maximum(1 - self.loss_per_um * depth_um(z_um, self.depth_power), LEAST)

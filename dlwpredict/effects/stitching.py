@@ -76,7 +76,7 @@ class Stitching(DoseEffect):
         moved = target.with_heights(heights)
         return where_written(moved, heights + self.step_um * behind)
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D, 1 + overlap in the strips; a pixel counts with the part of it that lies inside."""
         distance = across(written, self.angle_deg, self.seam_um)
         if self.period_um:

@@ -45,6 +45,6 @@ class Vignetting(DoseEffect):
     centre_x_um: float = declare(0.0, "µm", -50, 50, "centre of the printer's field, x from the map's centre")
     centre_y_um: float = declare(0.0, "µm", -50, 50, "centre of the printer's field, y from the map's centre")
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D, the same at every height."""
         return field_intensity(*field_coordinates(written, self.centre_x_um, self.centre_y_um), self.strength)

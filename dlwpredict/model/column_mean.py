@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy import special
 
-from dlwpredict.model.layers import Columns, Layers
+from dlwpredict.model.layers import Columns, Layers, nominal
 from dlwpredict.model.states import Crosslinked
 from dlwpredict.parallel import corners, each
 from dlwpredict.smoothing import BLOCK_PX, COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, sparse_means
 
 CONVERSION_LAYER_UM = 0.5
 """Thickness of the layers of local conversion; as with those of dose, it must not depend on any parameter."""
+
+LEVELS_AT_ONCE = 8
+"""Levels worked on at once where the dose differs from place to place and from layer to layer."""
 
 STRIP_PX = 16
 """Coarse rows worked on at once: their modes then stay in the cache."""
@@ -84,7 +86,11 @@ def _crosslink_stack(
     (down_y, up_y), (down_x, up_x) = (
         sparse_means(n // m, float(s), m) for n, m, s in zip(heights.shape, factors, sigmas, strict=True)
     )
-    return down_y @ source @ down_x.T, up_y[: surface.shape[0]], up_x[: surface.shape[1]]
+    return (
+        down_y.astype(source.dtype) @ source @ down_x.astype(source.dtype).T,
+        up_y[: surface.shape[0]],
+        up_x[: surface.shape[1]],
+    )
 
 
 def _source(
@@ -96,29 +102,35 @@ def _source(
     threads: int,
 ) -> np.ndarray:
     """Return the axial convolution of the exposed resin, weighted by conversion: (level, coarse rows, coarse cols)."""
-    sigma = crosslinked.fwhm_z_um / FWHM_PER_SIGMA
-    if not crosslinked.converts:
-        return _unweighted(heights, sigma, factors, levels, threads)
-    layers = Layers.of(crosslinked.source_weight, float(heights.max()), CONVERSION_LAYER_UM, threads).padded(padding)
-    columns = Columns(layers, heights, from_glass=False, reduce=lambda plane: block_mean(plane, factors))
-    return np.stack(each(lambda z: columns.convolved(z, sigma), levels, threads))
+    sigmas = np.full(len(levels), crosslinked.fwhm_z_um / FWHM_PER_SIGMA)
+    layers = nominal(CONVERSION_LAYER_UM)
+    if crosslinked.converts:
+        layers = Layers.of(crosslinked.source_weight, float(heights.max()), CONVERSION_LAYER_UM, threads)
+        layers = layers.padded(padding)
+    if layers.factors:
+        plane, along = layers.factors
+        profile = Columns(along, levels[None], from_glass=False).convolved(levels, sigmas)[:, 0]
+        return _by_height(profile, np.broadcast_to(plane, heights.shape), heights, factors, threads)
+    columns = Columns(layers, heights, from_glass=False, reduce=lambda planes: block_mean(planes, factors))
+    some = [slice(i, i + LEVELS_AT_ONCE) for i in range(0, len(levels), LEVELS_AT_ONCE)]
+    return np.concatenate(each(lambda s: columns.convolved(levels[s], sigmas[s]), some, threads))
 
 
-def _unweighted(
-    heights: np.ndarray, sigma_um: float, factors: list[int], levels: np.ndarray, threads: int
+def _by_height(
+    profile: np.ndarray, weight: np.ndarray, heights: np.ndarray, factors: list[int], threads: int
 ) -> np.ndarray:
-    """Return the block means of Φ(ζ/s) − Φ((ζ − h)/s) at all levels ζ.
+    """Return the block means of w(x, y) · f_ζ(h) at all levels ζ, given f (levels ζ, heights h) at Chebyshev nodes.
 
-    It is as smooth in h as in ζ: the block means of the Chebyshev polynomials of h hold all levels at once.
+    f is as smooth in h as in ζ: the block means of the Chebyshev polynomials of h hold all levels at once.
     """
     top = float(heights.max())
-    profile = special.ndtr(levels / sigma_um)[:, None] - special.ndtr((levels[:, None] - levels) / sigma_um)
-    weights = (profile @ _to_modes(len(levels)).T).astype(np.float32)
+    weights = (profile @ _to_modes(len(profile)).T).astype(np.float32)
 
     def means(first: int) -> np.ndarray:
         x = (2 * heights[first : first + rows] / top - 1).astype(np.float32)
-        before, at, found = x, np.ones_like(x), []
-        for _ in levels:
+        at = weight[first : first + rows].astype(np.float32)
+        before, found = x * at, []
+        for _ in profile:
             found.append(block_mean(at, factors))
             before, at = at, 2 * x * at - before
         return np.tensordot(weights, np.stack(found), axes=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,12 @@ LARGEST_FRACTION = 0.95
 
 TILE_PX = 168
 
+LEVELS_AT_ONCE = 6
+"""Exposure is evaluated on so many levels together: few enough that what lies between stays in the cache."""
+
+LAYERS_BELOW_SIGMAS = 5.5
+"""Layers of dose further below the lowest level than this many axial standard deviations reach no level: 2e-8."""
+
 _ROUNDING = 0.01  # of a level: a flat top may lie on one
 _TINY, _BELOW_ONE = 1e-12, float(np.nextafter(np.float32(1), np.float32(0)))
 
@@ -49,7 +55,7 @@ def exposed_surface(dose: Dose, threshold: float, reference: str, threads: int) 
     heights = written.heights_um
     if reference == "structure_maximum":
         nominal = _Exposure(dose.focus, heights, written.dx_um, written.dy_um)
-        threshold = threshold * float(nominal.at(0.0).max())
+        threshold = threshold * float(nominal.at([0.0]).max())
     step = _level_step_um(dose.focus)
     layers, thresholds = _local(dose, step, threads)
     reach = [_reach_px(dose.focus, pitch) for pitch in (written.dy_um, written.dx_um)]
@@ -63,8 +69,9 @@ def exposed_surface(dose: Dose, threshold: float, reference: str, threads: int) 
             columns = None if layers is None else Columns(layers[outer], part, from_glass=True)
             kept = tuple(slice(s.start - o.start, s.stop - o.start) for s, o in zip(inner, outer, strict=True))
             exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns, kept)
-            local = threshold if thresholds is None else threshold * thresholds[inner].weights
-            surface[inner] = _surface_of_tile(exposure, local, step)
+            surface[inner] = _surface_of_tile(
+                exposure, threshold, None if thresholds is None else thresholds[inner], step
+            )
 
     each(solve, corners(written.shape, TILE_PX), threads)
     return written.with_heights(surface)
@@ -82,14 +89,28 @@ def _level_step_um(focus: tuple[Focus, ...]) -> float:
 
 def _local(dose: Dose, step: float, threads: int) -> tuple[Layers | None, Layers | None]:
     """Return the relative dose and the relative threshold on layers, None where they are 1 throughout."""
-    top = float(dose.written.heights_um.max())
-    room = ABOVE_SIGMAS * max(part.sigma_z_um(top) for part in dose.focus) + 3 * step
+    heights = dose.written.heights_um
+    top = float(heights.max())
+    widest = _widest_um(dose.focus, top)
+    lowest = _lowest_level(heights, widest, step) * step
     return (
-        Layers.of(dose.relative_dose, top, DOSE_LAYER_UM, threads) if dose.intensity else None,
-        Layers.of(dose.relative_threshold, top + room, DOSE_LAYER_UM, threads).every(step)
+        Layers.of(dose.relative_dose, top, DOSE_LAYER_UM, threads, lowest - LAYERS_BELOW_SIGMAS * widest)
+        if dose.intensity
+        else None,
+        Layers.of(dose.relative_threshold, top + ABOVE_SIGMAS * widest + 3 * step, step, threads, lowest)
         if dose.threshold_factor or dose.background
         else None,
     )
+
+
+def _widest_um(focus: tuple[Focus, ...], highest_um: float) -> float:
+    return max(part.sigma_z_um(z) for part in focus for z in (0.0, highest_um))
+
+
+def _lowest_level(heights_um: np.ndarray, widest_um: float, step: float) -> int:
+    """Return the index of a level below every crossing: the lowest height less 4 axial standard deviations."""
+    lowest = float(np.min(heights_um, where=heights_um > 0, initial=heights_um.max()))
+    return int(max(lowest - 4 * widest_um, 0) / step - _ROUNDING) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,43 +127,49 @@ class _Exposure:
     columns: Columns | None = None
     kept: tuple[slice, slice] = (slice(None), slice(None))
 
-    def at(self, z_um: float) -> np.ndarray:
-        """Return the exposure at one level."""
+    def at(self, z_um: Sequence[float]) -> np.ndarray:
+        """Return the exposure at some levels, shape (levels, rows, cols)."""
 
-        def axial(sigma_um: float) -> np.ndarray:
+        def axial(part: Focus) -> np.ndarray:
+            sigmas = [part.sigma_z_um(z) for z in z_um]
             if self.columns is not None:
-                return self.columns.convolved(z_um, sigma_um)
-            depth = ((self.heights_um - z_um) / sigma_um).astype(np.float32)
-            return np.where(self.heights_um > 0, ndtr(depth), 0)
+                return self.columns.convolved(z_um, sigmas)
+            z, sigma = (np.array(values, dtype=np.float32)[:, None, None] for values in (z_um, sigmas))
+            solid = ndtr((self.heights_um.astype(np.float32) - z) / sigma)
+            solid *= self.heights_um > 0
+            return solid
 
-        return self._spread(lambda part: axial(part.sigma_z_um(z_um)))
+        return self._spread(axial)
 
     def highest_dose(self) -> np.ndarray | float:
         """Return the largest relative dose of each column as the focus sees it: exposure stays below it."""
         if self.columns is None:
             return 1.0
-        written = (self.heights_um > 0).astype(float)
+        written = (self.heights_um > 0).astype(np.float32)
         nominal = np.maximum(self._spread(lambda part: written), _TINY)
         return np.maximum(self._spread(lambda part: self.columns.highest) / nominal, _TINY)
 
     def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
-        return sum(part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um)[self.kept] for part in self.focus)
+        return sum(
+            part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um)[..., *self.kept] for part in self.focus
+        )
 
 
-def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: float) -> np.ndarray:
+def _surface_of_tile(exposure: _Exposure, threshold: float, factors: Layers | None, step: float) -> np.ndarray:
     """Return the exposed height over one tile (rows, cols), from four successive levels around each crossing.
 
-    The threshold is one number, or a stack over the levels j · step, j ≥ 0.
+    The factors on the threshold lie on the same levels.
     """
-    first, last = _levels_around(exposure, threshold, step)
+    least, most = (1.0, 1.0) if factors is None else (float(factors.weights.min()), float(factors.weights.max()))
+    highest = exposure.highest_dose()
+    first, last = _levels_around(exposure, threshold * least, threshold * most, float(np.max(highest)), step)
     shape = exposure.heights_um[exposure.kept].shape
-    dose = np.maximum(exposure.highest_dose(), np.max(threshold) / LARGEST_FRACTION)
+    dose = np.maximum(highest, threshold * most / LARGEST_FRACTION)
     dose = np.broadcast_to(dose.astype(np.float32), shape)
     surface = np.zeros(np.prod(shape))
     around: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for k in range(first, last):
-        wanted = threshold[np.clip(k, 0, len(threshold) - 1)] if np.ndim(threshold) else np.float32(threshold)
-        exposed = exposure.at(k * step)
+    for k, exposed in _levels(exposure, first, last, step):
+        wanted = np.float32(threshold) * (np.float32(1) if factors is None else factors.at(k))
         around = [*around[-3:], (exposed, np.broadcast_to(wanted, shape), exposed >= wanted)]
         if k < first + 3:
             continue
@@ -154,24 +181,30 @@ def _surface_of_tile(exposure: _Exposure, threshold: np.ndarray | float, step: f
     return np.maximum(surface, 0.0).reshape(shape)
 
 
-def _levels_around(exposure: _Exposure, threshold: np.ndarray | float, step: float) -> tuple[int, int]:
-    """Return the range of levels that encloses every crossing.
+def _levels(exposure: _Exposure, first: int, last: int, step: float) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the exposure on the levels k · step, first ≤ k < last."""
+    for start in range(first, last, LEVELS_AT_ONCE):
+        some = range(start, min(start + LEVELS_AT_ONCE, last))
+        yield from zip(some, exposure.at([k * step for k in some]), strict=True)
 
-    Exposure is a mean of Φ((h − z)/s) over the heights h around. At nominal dose, and with no empty point among them,
-    it crosses the threshold where Φ of the lowest and of the highest do, or between. Else only this is known: it is
-    level 4 s_z below the lowest height. All tiles share one grid of levels, with and without effects, so that neither
-    leaves a trace in the result.
+
+def _levels_around(exposure: _Exposure, least: float, most: float, dose: float, step: float) -> tuple[int, int]:
+    """Return the range of levels that encloses every crossing of thresholds from the least to the most.
+
+    Exposure is a mean of Φ((h − z)/s) over the heights h around, times a dose up to the highest one. At nominal dose,
+    and with no empty point among them, it crosses the threshold where Φ of the lowest and of the highest do, or
+    between. Else only this is known below: it is level 4 s_z below the lowest height. All tiles share one grid of
+    levels, with and without effects, so that neither leaves a trace in the result.
     """
     heights = exposure.heights_um
     lowest, highest = float(heights.min()), float(heights.max())
-    widest = max(part.sigma_z_um(z) for part in exposure.focus for z in (0.0, highest))
-    above, below = ABOVE_SIGMAS * widest, 4 * widest
-    if exposure.columns is None:
-        above = max(-special.ndtri(np.min(threshold)) * widest, 0.0)
-        below = below if lowest == 0 else max(special.ndtri(np.max(threshold)) * widest, 0.0)
-    lowest = lowest or float(heights[heights > 0].min())
-    bottom, top = max(lowest - below, 0) / step, (highest + above) / step
-    return int(bottom - _ROUNDING) - 1, int(top + _ROUNDING) + 3
+    widest = _widest_um(exposure.focus, highest)
+    above = min(max(-special.ndtri(min(least / dose, 0.5)), 0.0), ABOVE_SIGMAS) * widest
+    if lowest > 0 and exposure.columns is None:
+        bottom = int(max(lowest - max(special.ndtri(most) * widest, 0.0), 0) / step - _ROUNDING) - 1
+    else:
+        bottom = _lowest_level(heights, widest, step)
+    return bottom, int((highest + above) / step + _ROUNDING) + 3
 
 
 def _margin(exposure: np.ndarray, wanted: np.ndarray) -> np.ndarray:

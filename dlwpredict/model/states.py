@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Protocol
 
 import numpy as np
@@ -20,15 +21,19 @@ from dlwpredict.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS, blur, 
 
 STAGES = ("target", "dose", "exposed", "crosslink", "height", "surface", "recording")
 
-PlaneAt = Callable[[HeightMap, float], np.ndarray]
-"""A function of the written heights and of z in µm that returns a plane (rows, cols)."""
+PlaneAt = Callable[[HeightMap, float | np.ndarray], float | np.ndarray]
+"""A function of the written heights and of z in µm, which is one height or several of shape (n, 1, 1).
+
+It returns what it says at these heights on the plane: (rows, cols) or (n, rows, cols), and by its shape what it does
+not depend on: (rows, cols) for several heights where z does not matter, (n, 1, 1) where the place does not.
+"""
 
 
 DEPTH_UM = 10.0
 """Height at which what grows with the depth is as declared, whatever its power."""
 
 
-def depth_um(z_um: float, power: float) -> float:
+def depth_um(z_um: float | np.ndarray, power: float) -> float | np.ndarray:
     """Return z · (|z| / 10 µm)^(power − 1): the depth that an aberration counts by, µm."""
     return z_um * (abs(z_um) / DEPTH_UM) ** (power - 1)
 
@@ -125,23 +130,21 @@ class Dose:
     conversion: float = 0.0
     photon_order: float = 2.0
 
-    def relative_dose(self, z_um: float) -> np.ndarray:
-        """Dᴺ of the focus at one level, 1 = nominal, shape (rows, cols)."""
+    def relative_dose(self, z_um: float | np.ndarray) -> np.ndarray:
+        """Dᴺ of the focus, 1 = nominal; z and the shape as those of a `PlaneAt`."""
         return self._product(self.intensity, z_um) ** self.photon_order
 
-    def relative_background(self, z_um: float) -> np.ndarray:
-        """Dᴺ of what reaches the resin itself at one level, 1 = nominal, shape (rows, cols)."""
+    def relative_background(self, z_um: float | np.ndarray) -> np.ndarray:
+        """Dᴺ of what reaches the resin itself, 1 = nominal; z and the shape as those of a `PlaneAt`."""
         return self._product(self.background, z_um) ** self.photon_order
 
-    def relative_threshold(self, z_um: float) -> np.ndarray:
-        """Return the factor on the threshold at one level, shape (rows, cols); background lowers it."""
+    def relative_threshold(self, z_um: float | np.ndarray) -> np.ndarray:
+        """Return the factor on the threshold, which background lowers; z and the shape as those of a `PlaneAt`."""
         return self._product(self.threshold_factor, z_um) / self.relative_background(z_um)
 
-    def _product(self, factors: tuple[PlaneAt, ...], z_um: float) -> np.ndarray:
-        product = np.ones(self.written.shape)
-        for at in factors:
-            product = product * np.maximum(at(self.written, z_um), 0)
-        return product
+    def _product(self, factors: tuple[PlaneAt, ...], z_um: float | np.ndarray) -> np.ndarray:
+        planes = (np.maximum(at(self.written, z_um), 0) for at in factors)
+        return reduce(np.multiply, planes) if factors else np.ones(())
 
 
 @dataclass(frozen=True)
@@ -190,8 +193,8 @@ class Crosslinked:
         dose = self.exposed.dose
         return bool(dose.conversion and (dose.intensity or dose.background))
 
-    def source_weight(self, z_um: float) -> np.ndarray:
-        """1 + η(Dᴺ − 1): cross-linking started per exposed volume at one level, 1 = nominal, shape (rows, cols).
+    def source_weight(self, z_um: float | np.ndarray) -> np.ndarray:
+        """1 + η(Dᴺ − 1): cross-linking started per exposed volume, 1 = nominal; z and the shape as of a `PlaneAt`.
 
         Here the exposed resin stands for what is written, so that D is defined up to its surface.
         """

@@ -1,0 +1,1 @@
+"""The answer: classes, sides, advice, and the words and figures of diagnosis.yaml."""

@@ -1,0 +1,116 @@
+"""Candidates: every named effect, at a few of its shapes: a direction in which the prediction could change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlwpredict.effects import library
+from dlwpredict.effects.base import Effect
+from dlwpredict.infer.model import levelled, matters
+from dlwpredict.parameters import Declaration, ParameterSet, declarations
+
+NO_CANDIDATES = ("misregistration", "z-amplification")
+"""One stands among the nuisances of every recording; the other is exactly what κ can do, and only a certified step
+height tells them apart."""
+
+SHAPES = (0.5, 1.0, 2.0)
+"""Lengths are tried at these multiples of their default, inside the declared range."""
+
+WAVES = (0.5, 0.625, 0.8, 1.0, 1.25, 1.6, 2.0)
+"""Periods are tried closer: two waves are different columns where they differ by half a period over the map's relief."""
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect with one switch and one shape: a direction in which the prediction could change.
+
+    Parameters
+    ----------
+    effect : Effect
+        At its off values, with the shape set.
+    switch : str
+        The parameter that grows from its off value.
+    """
+
+    effect: Effect
+    switch: str
+
+    @property
+    def name(self) -> str:
+        """Standard name of the effect."""
+        return self.effect.name
+
+    @property
+    def declaration(self) -> Declaration:
+        """What is declared of the switch."""
+        return declarations(self.effect)[self.switch][1]
+
+    @property
+    def off(self) -> float:
+        """Value of the switch at which nothing happens."""
+        return declarations(self.effect)[self.switch][0]
+
+    @property
+    def unit(self) -> float:
+        """Change of the switch from off to its typical size."""
+        return self.declaration.typical - self.off
+
+    @property
+    def one_sided(self) -> int:
+        """+1 where physics allows only values above off, −1 below, 0 both."""
+        return int(self.declaration.low >= self.off) - int(self.declaration.high <= self.off)
+
+    def at(self, share: float) -> Effect:
+        """Return the effect switched on to a share of its typical size, inside its range."""
+        value = np.clip(self.off + share * self.unit, self.declaration.low, self.declaration.high)
+        return replace(self.effect, **{self.switch: float(value)})
+
+    @property
+    def sign(self) -> int:
+        """Sign of the strength, in typical sizes, that alone is physical; 0 where both are."""
+        return self.one_sided * int(np.sign(self.unit))
+
+
+def candidates(parameters: ParameterSet) -> list[Candidate]:
+    """Return every candidate that the parameter set does not contain already."""
+    present = {effect.name for effect in parameters.effects}
+    found = []
+    for name, kind in library().items():
+        if name not in present and name not in NO_CANDIDATES:
+            found += [Candidate(kind(**shape), switch) for switch in kind.switches() for shape in _shapes(kind, switch)]
+    return found
+
+
+def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
+    """Return the settings of an effect's shape that are worth a column.
+
+    Shares, phases and directions mix two columns each, so that all their ends are combined; lengths and centres are
+    tried one at a time from their defaults.
+    """
+    mixed: list[dict[str, float]] = [{}]
+    varied: list[dict[str, float]] = [{}]
+    for name, (default, declared) in declarations(kind).items():
+        if name in kind.switches() or not declared.fitted or levelled(kind, name) or not matters(kind, switch, name):
+            continue
+        values = _values(name, default, declared)
+        if name.startswith("centre_") or declared.unit == "µm":
+            mixed = [one | {name: default} for one in mixed]
+            varied += [{name: value} for value in values if value != default]
+        else:
+            mixed = [one | {name: value} for one in mixed for value in values]
+    return [one | other for one in mixed for other in varied]
+
+
+def _values(name: str, default: float, declared: Declaration) -> list[float]:
+    """Return the values of a shape parameter worth trying."""
+    if declared.unit == "1":
+        return [declared.low, declared.high]
+    if declared.unit == "°":
+        return [0.0, 45.0]
+    if declared.unit == "rad":
+        return [0.0, np.pi / 2]
+    if declared.unit == "µm" and declared.low > 0:
+        shapes = WAVES if name == "period_um" else SHAPES
+        return [float(np.clip(default * s, declared.low, declared.high)) for s in shapes]
+    return [declared.low / 2, default, declared.high / 2]

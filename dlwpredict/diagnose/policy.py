@@ -1,0 +1,68 @@
+"""Every constant that decides what a diagnosis says, with its principle. There is no deciding number elsewhere.
+
+Gains and costs are in 2 ln L. What only sets how accurately something is computed stands where it is computed.
+"""
+
+from __future__ import annotations
+
+# -- how often noise alone may speak ----------------------------------------------------------
+LEVEL_NAMES = 0.025
+"""Probability that noise alone names anything: half of a budget of 5 %."""
+
+LEVEL_STRUCTURE = 0.025
+"""Probability that noise alone is called structure without a name: the other half."""
+
+LEVEL_NEXT = 0.10
+"""Probability that noise alone names one more effect once one stands. Asking 2.5 % again costs ten points of pairs found
+for three points fewer of spurious thirds (measured on sets of 78 columns in 14 classes)."""
+
+# -- which sets are looked at -----------------------------------------------------------------
+MOST_EFFECTS = 3
+"""Effects in a set: with four, what the recordings of a bench hold no longer tells sets apart."""
+
+INFLATED = 20.0
+"""Two columns whose joint variance inflation is larger are one: no pair of them is a set of two."""
+
+SINGLES, PAIRS, NEXT, INSTEAD = 5, 2, 3, 3
+"""Refits of a round: single effects, pairs that beat every single one; beside a model: effects added, and effects in
+the place of each. The first are the ones that the linear screen puts first; a round begins anew where it ends."""
+
+HALF = 0.5
+"""An effect that explains less than this share of what the best explains, to first order, is not refitted first."""
+
+ROUNDS = 5
+"""Linearise, enumerate, refit: at most so often; one effect takes two rounds, each further one another."""
+
+REACH = 2.0
+"""Refits are brought to convergence where they come within so many class widths of the best: those of a quick fit."""
+
+# -- noise and choice -------------------------------------------------------------------------
+PASSES = 3
+"""Times that noise and choice are repeated at most."""
+
+ALIKE = 0.15
+"""Two noise models whose strength and length differ by less than this share are one: estimates scatter by as much."""
+
+# -- classes ----------------------------------------------------------------------------------
+CREDIBLE = 0.95
+"""A class is the smallest set of names that holds this probability of a slot."""
+
+WIDTH = 5.99
+"""Distance in 2 ln L at which a rival of one name has 1 − `CREDIBLE` of the probability: −2 ln 0.05."""
+
+FORM_ERROR = 0.05
+"""Energy of an effect's signature, as a share, by which a formula may be wrong. Beside one that explains the rest, a
+strength has 20 times the variance that it has alone, and no formula is trusted further than that (the bound on the
+variance inflation). Two names are told apart by no less."""
+
+# -- verdict ----------------------------------------------------------------------------------
+EXPLAINED = 0.9
+"""The named effects must explain this share of what forms without a name explain, where a remainder is significant."""
+
+POWER = 1.28
+"""Standard deviations above the threshold at which an effect is found nine times in ten: `not_testable` is one that does
+not reach them at the end of its range."""
+
+HIDDEN = 5.0
+"""Standard deviations that an effect's typical size stands out with the process fixed; one that stays below them once
+the process is fitted is hidden by it, and a second column shows what is left of it beyond the tangents."""

@@ -1,0 +1,183 @@
+"""The search: linearise, enumerate sets of effects, refit the leading ones; again from the best, until it stays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.library.score import Linearised, Thresholds, thresholds
+from dlwpredict.diagnose.library.signatures import Signatures
+from dlwpredict.diagnose.posterior import Sets, Subset
+from dlwpredict.infer.fitter import Fitter, Start
+from dlwpredict.infer.model import Key, effect_of, joined, key_of, lacking
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit
+from dlwpredict.parameters import ParameterSet
+
+Names = frozenset[str]
+
+START_SHARE = 0.5
+"""Refits begin at this share of the linear strength: the full one may overshoot where the law is not linear ..."""
+
+LEAST, FARTHEST = 0.05, 3.0
+"""... and between these typical sizes."""
+
+
+@dataclass(eq=False)
+class Search:
+    """Sets of effects beside a baseline, refitted.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    null : Null
+    baseline : Fit
+    signatures : dict
+        Signatures by names of the model that they were taken at: they outlive a noise model.
+    watch : callable
+        Called with the names of the best set so far, after every round.
+    fitted : dict
+        Best fits by names of their effects, the baseline's own aside.
+    spread : dict
+        Name to the standard deviation of scores along what the effect does.
+    """
+
+    fitter: Fitter
+    null: Null
+    baseline: Fit
+    signatures: dict[Names, Signatures]
+    watch: Callable[[Names], None] = lambda names: None
+    fitted: dict[Names, Fit] = field(default_factory=dict)
+    spread: dict[str, float] = field(default_factory=dict)
+    first: Linearised | None = None
+    asked: Thresholds | None = None
+
+    def __post_init__(self) -> None:
+        self.fitted[frozenset()] = self.baseline
+        self.first = self.linearised(frozenset())
+        self.asked = thresholds(self.first, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
+
+    def begin_with(self, earlier: Iterable[Fit]) -> None:
+        """Refit sets that an earlier search, with another noise model, ended among."""
+        starts = {self.names(fit.parameters): [Start(fit.parameters)] for fit in earlier}
+        starts.pop(frozenset(), None)
+        self._refit(starts, {})
+
+    def run(self) -> Names:
+        """Return the names of the best set."""
+        best = self.best()
+        for _ in range(policy.ROUNDS):
+            sets = Sets.of(self.linearised(best), self.price)
+            model, starts, promised = self.fitted[best], {}, {}
+            for one in sets.leading(best, self.width_of_set(best)):
+                start = Start(self._start(model, sets, one), model)
+                if not self.fitter.has(start):
+                    starts[one.names], promised[one.names] = [start], sets.screen.cost - one.gain
+            self._refit(starts, promised)
+            before, best = best, self.best()
+            self.watch(best)
+            if best == before:
+                break
+        return best
+
+    def price(self, effects: int) -> float:
+        """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.
+
+        The form of the strongest effect is trusted to a share of its energy. What it is wrong by is there for any
+        further effect to explain, which must gain more than that.
+        """
+        singles = [self.baseline.cost - fit.cost for names, fit in self.fitted.items() if len(names) == 1]
+        strongest = max(singles, default=float(np.max(self.first.z**2, initial=0.0)))
+        more = self.asked.next + policy.FORM_ERROR * max(strongest, 0.0)
+        return self.asked.first + (effects - 1) * more if effects else 0.0
+
+    def needed(self, names: Names, name: str) -> float:
+        """Return what an effect of a set must gain beside the others, its own spread included."""
+        return (self.price(len(names)) - self.price(len(names) - 1)) * self.spread.get(name, 1.0) ** 2
+
+    def near(self) -> list[Fit]:
+        """Return the fits that come near the best: those that another noise model might prefer."""
+        best = self.best()
+        limit = self.fitted[best].cost + self.width_of_set(best)
+        reduced = [best - {name} for name in best]
+        return [fit for names, fit in self.fitted.items() if fit.cost <= limit or names == best or names in reduced]
+
+    def width_of_set(self, names: Names) -> float:
+        """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""
+        gain = max(self.baseline.cost - self.fitted[names].cost, 0.0)
+        return policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+
+    def linearised(self, names: Names) -> Linearised:
+        """Linearise about the best fit of a set; signatures are taken there once."""
+        model = self.fitted[names]
+        if names not in self.signatures:
+            objective = self.fitter.objective
+            self.signatures[names] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers)
+        screen = Linearised.of(self.signatures[names], model, self.null)
+        for k in np.argsort(np.abs(screen.z), kind="stable"):
+            self.spread[screen.chosen[k].name] = float(screen.spread[k])
+        self.spread |= dict(zip(screen.named, map(float, screen.named_spread), strict=True))
+        return screen
+
+    def best(self) -> Names:
+        """Return the set of least cost in which every effect gains what noise and numerics hardly ever give it."""
+        order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
+        return next(names for names in order if self._admissible(names))
+
+    def names(self, parameters: ParameterSet) -> Names:
+        """Return the names of the effects that the baseline has not."""
+        own = {effect.name for effect in self.baseline.parameters.effects}
+        return frozenset(effect.name for effect in parameters.effects) - own
+
+    def without(self, names: Names, name: str) -> Fit:
+        """Return the reduced model: the best fit of a set without one of its effects."""
+        fewer = names - {name}
+        if fewer not in self.fitted:
+            model = self.fitted[names]
+            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]}, {fewer: -np.inf})
+        return self.fitted[fewer]
+
+    def gain(self, names: Names, name: str) -> float:
+        """Return the 2 ln L that an effect of a set brings beside the others."""
+        return self.without(names, name).cost - self.fitted[names].cost
+
+    def width(self, gain: float, name: str, left: float = 0.0) -> float:
+        """Return the temperature of a slot: how many times farther apart than by noise two names must be.
+
+        By as much more as the spread along the effect is larger; by what the form of an effect may be wrong, a share of
+        its gain; and by what is left without a name, which may have tipped the balance.
+        """
+        return self.spread.get(name, 1.0) ** 2 + (policy.FORM_ERROR * gain + left) / policy.WIDTH
+
+    def _admissible(self, names: Names) -> bool:
+        """Tell whether every effect of a set gains its own; and whether all together do."""
+        if not names:
+            return True
+        return all(self.gain(names, name) >= self.needed(names, name) for name in names)
+
+    def _start(self, model: Fit, sets: Sets, subset: Subset) -> ParameterSet:
+        """Return where a refit of a set begins: the model without what leaves, with what comes in."""
+        kept = lacking(model.parameters, [name for name in sets.screen.named if name not in subset.kept])
+        effects = []
+        for candidate, strength in sets.strengths(subset):
+            share = START_SHARE * float(np.clip(strength, -FARTHEST, FARTHEST))
+            effects.append(candidate.at(share if abs(share) > LEAST else LEAST * (np.sign(share) or 1.0)))
+        return joined(kept, effects, self.baseline.free)
+
+    def _refit(self, starts: dict[Names, list[Start]], promised: dict[Names, float]) -> None:
+        keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
+
+        def reach(lowest: float) -> float:
+            least = min(lowest, *(fit.cost for fit in self.fitted.values()))
+            gain = max(self.baseline.cost - least, 0.0)
+            return least + policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+
+        known = {key: promised[names] for key, names in keys.items() if names in promised}
+        found = self.fitter.contest(list(starts.values()), known, reach)
+        for key, fit in found.items():
+            names = keys[key]
+            if names not in self.fitted or fit.cost < self.fitted[names].cost:
+                self.fitted[names] = fit

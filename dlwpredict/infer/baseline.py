@@ -1,0 +1,138 @@
+"""The first fit: before noise is known, as if it were white; and the same once it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.fitter import Fitter
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.noises import scale_um, white
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.pixels import discretised
+from dlwpredict.infer.priors import Prior
+from dlwpredict.infer.recording import Recording, coarser, without_spikes
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import predict
+
+COARSE_UM, FEWEST_PX = 1.0, 40
+"""The first descent is on pixels of at most this width, unless that leaves a map fewer pixels a side."""
+
+GAIN = 1e-3
+"""A rough descent ends when a step promises less than this share of the cost: the noise is not known any better."""
+
+
+def rough(
+    recordings: Sequence[Recording],
+    free: Free,
+    known: Mapping[str, Prior],
+    work: Work,
+    *,
+    spikes: bool = True,
+) -> tuple[tuple[Recording, ...], Fit]:
+    """Fit as if noise were white: first on coarse pixels, then on those of the recordings, without spikes.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    free : Free
+    known : mapping of str to Prior
+    work : Work
+    spikes : bool
+        Leave out lone points that stand out of the residual.
+
+    Returns
+    -------
+    tuple of Recording
+        Without their spikes.
+    Fit
+        With derivatives, and the change on finer pixels of its place.
+    """
+    start, factor = free.base, _factor(recordings)
+    predicted = [predict(r.target, start, as_measured=True).heights_um for r in recordings]
+    work.predictions += 1
+    left = [(r.measured.heights_um - p)[r.used] for r, p in zip(recordings, predicted, strict=True)]
+    sigmas, own = [scale_um(values - np.median(values)) for values in left], Work(stop=work.stop)
+    if factor > 1:
+        coarse = [replace(coarser(r, factor), nuisances=_few(r)) for r in recordings]
+        for _ in range(2):
+            fit = _white(coarse, sigmas, start, free, known, own)
+            start, sigmas = fit.parameters, _left(fit)
+        work.predictions += own.predictions / factor**2
+    fit = _white(recordings, sigmas, start, free, known, work)
+    if spikes:
+        kept = [without_spikes(r, residual) for r, residual in zip(recordings, fit.residuals_um(), strict=True)]
+        if any(a.points != b.points for a, b in zip(recordings, kept, strict=True)):
+            recordings = kept
+    fit = _white(recordings, _left(fit), fit.parameters, free, known, work)
+    data = discretised(fit.data, fit.parameters, [one.heights_um for one in fit.traces], work)
+    now = Objective(data, known, work).at(free, fit.vector, replace(fit, data=data))
+    return tuple(recordings), replace(now, jacobian=fit.jacobian)
+
+
+def fitter_of(
+    recordings: Sequence[Recording],
+    models: Sequence[Uneven],
+    slopes: Sequence[np.ndarray | float],
+    before: Fit,
+    objective: Objective,
+    **knobs: Any,
+) -> Fitter:
+    """Return a fitter with these noise models, whose registration and pixels are those of an earlier fit.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    models : sequence of Uneven
+    slopes : sequence of numpy.ndarray, shape (rows, cols), or 0
+        |∇f| of each recording, on which its noise may hang.
+    before : Fit
+    objective : Objective
+        Has the priors, and counts the work.
+    **knobs
+        Of `Fitter`.
+    """
+    data = []
+    for recording, noise, slope, item in zip(recordings, models, slopes, before.data, strict=True):
+        kept = {name: getattr(item, name) for name in ("shift_um", "discretisation_um", "discretised")}
+        data.append(replace(Whitened.of(recording, noise, slope), **kept))
+    return Fitter(replace(objective, data=tuple(data)), before.free, **knobs)
+
+
+def _white(
+    recordings: Sequence[Recording],
+    sigmas: Sequence[float],
+    start: ParameterSet,
+    free: Free,
+    known: Mapping[str, Prior],
+    work: Work,
+) -> Fit:
+    """Fit roughly with white noise of these strengths."""
+    data = tuple(Whitened.of(r, white(r, s)) for r, s in zip(recordings, sigmas, strict=True))
+    objective = Objective(data, known, work)
+    now = objective.differentiated(objective.at(free, free.values(start)))
+    return descend(objective, now, gain=GAIN * objective.rows.data)
+
+
+def _left(fit: Fit) -> list[float]:
+    """Return the strength of what a fit leaves of each recording, µm."""
+    pairs = zip(fit.data, fit.residuals_um(), strict=True)
+    return [scale_um(residual[item.recording.used]) for item, residual in pairs]
+
+
+def _few(recording: Recording) -> tuple[str, ...]:
+    """Return the nuisances that coarse pixels can show."""
+    return tuple(name for name in recording.nuisances if name != "pixels")
+
+
+def _factor(recordings: Sequence[Recording]) -> int:
+    """Return how many pixels to average for the first descent."""
+    pitch = max(max(r.target.dx_um, r.target.dy_um) for r in recordings)
+    side = min(min(r.target.shape) for r in recordings)
+    return max(min(int(COARSE_UM / pitch), side // FEWEST_PX), 1)

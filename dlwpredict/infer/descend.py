@@ -1,0 +1,120 @@
+"""The descent: bounded, damped Gauss–Newton in coordinates in which the model is nearly linear.
+
+Looked at first: `scipy.optimize.least_squares` (trf, dogbox) and lmfit, which stands on it or on MINPACK. They take a
+Jacobian after every accepted step; here one costs as much as five to ten predictions, and Broyden's update of it
+(Math. Comput. 19, 577, 1965) halves the work of a fit. They bound a box, and κ_min ≤ κ_max is none. So the steps are
+SciPy's (`lsq_linear`) and the rule that strings them together is ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.objective import Fit, Objective
+from dlwpredict.infer.straight import bending, bent, straight, straight_bounds
+
+GAIN = 0.1
+"""A descent has converged when the next step promises less than this in the objective: a tenth of what one standard
+deviation of one parameter costs."""
+
+TRUSTED = 0.8
+"""Share of the promised gain that must come true for the Jacobian to be updated by the secant, not computed anew."""
+
+STEPS = 16
+"""Steps at most: few descents need so many, along valleys that bend."""
+
+LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e3
+"""Marquardt's damping where a step has failed first, and where no smaller step is tried."""
+
+
+def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int = STEPS, gain: float = GAIN) -> Fit:
+    """Follow the objective down from a fit that has derivatives, until a step promises too little.
+
+    Where it stops before its steps run out, derivatives taken there said so, unless only the secant is wanted.
+
+    Parameters
+    ----------
+    objective : Objective
+    now : Fit
+    secant : bool
+        Never compute the Jacobian anew, even where a step does not keep its promise. Much cheaper, and enough to rank
+        models and to find where a descent should begin.
+    steps : int
+    gain : float
+    """
+    damping, fresh = 1e-6, not secant
+    for _ in range(steps):
+        vector, promised = _step(now, damping)
+        trial = _lower(objective, now, vector, damping) if promised >= gain else None
+        if trial is None and not (fresh or secant):
+            now, fresh = objective.differentiated(now), True
+        elif trial is None:
+            damping = max(100 * damping, LEAST_DAMPING)
+            if promised < gain or damping > MOST_DAMPING:
+                break
+        else:
+            fresh = not (secant or now.cost - trial.cost > TRUSTED * promised)
+            now = objective.differentiated(trial) if fresh else replace(trial, jacobian=_broyden(now, trial))
+            damping /= 10
+    return now
+
+
+def _lower(objective: Objective, now: Fit, vector: np.ndarray, damping: float) -> Fit | None:
+    """Return the fit at a place, or after one corrector step from there; None where both are higher.
+
+    Correlated parameters form a curved valley. A long step overshoots onto its flank; one more step with the same
+    Jacobian corrects it before it is rejected.
+    """
+    trial = objective.at(now.free, vector, now)
+    if trial.cost >= now.cost:
+        corrected, _ = _step(replace(trial, jacobian=now.jacobian), damping)
+        trial = objective.at(now.free, corrected, trial)
+    return trial if trial.cost < now.cost else None
+
+
+def _step(now: Fit, damping: float) -> tuple[np.ndarray, float]:
+    """Return where the damped least-squares step inside the bounds leads, and what it promises."""
+    free, vector = now.free, now.vector
+    here, (low, high) = straight(free, vector), straight_bounds(free, vector)
+    width = high - low
+    matrix = now.nuisances.beside(now.jacobian @ (bending(free, vector) * width))
+    sizes = np.linalg.norm(matrix, axis=0)
+    triangle = np.linalg.qr(np.column_stack([matrix, now.residual]), mode="r")
+    columns = matrix.shape[1]
+    whole, goal = triangle[:columns, :columns], triangle[:columns, columns]
+    ridge = np.diag(np.sqrt(damping) * np.maximum(sizes, 1e-6 * sizes.max(initial=1e-12)))
+    reach = np.minimum((low - here) / width, -1e-12), np.maximum((high - here) / width, 1e-12)
+    change = _inside(np.vstack([whole, ridge]), np.concatenate([goal, np.zeros(columns)]), reach)
+    change = _ordered(free, here, change, width)
+    return bent(free, here + change * width), float(goal @ goal - np.sum((goal - whole @ change) ** 2))
+
+
+def _inside(matrix: np.ndarray, goal: np.ndarray, reach: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    return lsq_linear(matrix, goal, bounds=reach, method="bvls").x
+
+
+def _ordered(free: Free, here: np.ndarray, change: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Return the change shortened where it would lift κ_min above κ_max: both meet on the way."""
+    a, b = free.index("shrinkage_min"), free.index("shrinkage_max")
+    if a is None or b is None:
+        return change
+    gap, closing = here[b] - here[a], change[a] * width[a] - change[b] * width[b]
+    if closing <= gap:
+        return change
+    found = change.copy()
+    middle = (here[a] + change[a] * width[a] + here[b] + change[b] * width[b]) / 2
+    found[a], found[b] = (middle - here[a]) / width[a], (middle - here[b]) / width[b]
+    return found
+
+
+def _broyden(now: Fit, trial: Fit) -> np.ndarray:
+    """Return Broyden's update of the derivatives; steps are measured in the widths of the bounds."""
+    step = trial.vector - now.vector
+    scale = 1 / (now.free.high - now.free.low) ** 2
+    along = step * scale / (step @ (step * scale))
+    moved = now.nuisances.beside(now.residual) - trial.nuisances.beside(trial.residual)
+    return now.jacobian + np.outer(moved - now.nuisances.beside(now.jacobian @ step), along)

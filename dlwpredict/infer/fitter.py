@@ -1,0 +1,229 @@
+"""`best(model)`: the lowest place of the objective for a set of free parameters, whatever it takes to find it.
+
+All starts are inside, and so is the care: who asks for the best fit of a model gets it, and gets the same one again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.model import Key, freed, key_of
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.pixels import discretised, place_of
+from dlwpredict.infer.priors import WIDTH_SD
+from dlwpredict.parallel import ALONE, Workers
+from dlwpredict.parameters import Paper, ParameterSet, declarations
+
+QUICK_STEPS = 8
+"""Steps of a quick fit, which has derivatives of its parent."""
+
+RIM = 1.0
+"""The change on finer pixels is taken anew where a fit has moved it by more than this energy, in units of the noise."""
+
+REPIXELLED = 3
+"""Times at most that it is."""
+
+FOCUS_MOVED = 0.03
+"""Relative change of a lateral focus width below which that cannot be: the change goes with the square of the width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a fit may begin.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        Values of all that moves; what moves is what is on.
+    parent : Fit or None
+        A fit near by, whose derivatives are taken over in a quick fit.
+    """
+
+    parameters: ParameterSet
+    parent: Fit | None = None
+
+
+@dataclass(eq=False)
+class Fitter:
+    """Best fits of models, each found once.
+
+    Parameters
+    ----------
+    objective : Objective
+    like : Free
+        Says which of the seven move.
+    workers : Workers
+        Who share fits that can be made at once.
+    stored : dict
+        Vectors of best fits by model, as an interrupted run has left them; new ones are added.
+    known : dict
+        Best fits by model.
+    quick : dict
+        Quick fits by model, of models that were not worth more.
+    """
+
+    objective: Objective
+    like: Free
+    workers: Workers = ALONE
+    stored: dict[str, list[float]] = field(default_factory=dict)
+    known: dict[Key, Fit] = field(default_factory=dict)
+    quick: dict[Key, Fit] = field(default_factory=dict)
+
+    def free(self, parameters: ParameterSet) -> Free:
+        """Return what moves in a model."""
+        return freed(parameters, self.like)
+
+    def has(self, start: Start) -> bool:
+        """Tell whether a model has been fitted already."""
+        key = key_of(self.free(start.parameters))
+        return key in self.known or key in self.quick
+
+    def best(self, *starts: Start) -> Fit:
+        """Return the best fit of a model; all starts are of the same model."""
+        key = key_of(self.free(starts[0].parameters))
+        if key not in self.known:
+            self._converge({key: starts})
+        return self.known[key]
+
+    def contest(
+        self, models: Sequence[Sequence[Start]], promised: Mapping[Key, float], reach: Callable[[float], float]
+    ) -> dict[Key, Fit]:
+        """Fit several models; only those that come near the lowest cost are fitted with full care.
+
+        A model is near where its quick fit, or what it promises to first order, does not cost more than the reach.
+
+        Parameters
+        ----------
+        models : sequence of sequence of Start
+        promised : mapping of model to float
+            Cost to first order.
+        reach : function of the lowest cost
+            The highest cost that is near it.
+
+        Returns
+        -------
+        dict
+            Model to its best fit, or to its quick one.
+        """
+        starts = {key_of(self.free(own[0].parameters)): own for own in models}
+        unknown = {key: own for key, own in starts.items() if key not in self.known and key not in self.quick}
+        jobs = [(self._alone(), self.like, tuple(own)) for own in unknown.values()]
+        for key, (found, spent) in zip(unknown, self.workers.each(_quick, jobs), strict=True):
+            self.quick[key] = self._shared(found)
+            self.objective.work.predictions += spent
+        costs = {key: (self.known.get(key) or self.quick[key]).cost for key in starts}
+        limit = reach(min(costs.values(), default=np.inf))
+        near = {k: min(costs[k], promised.get(k, np.inf)) for k in starts if k not in self.known}
+        self._converge({key: starts[key] for key, cost in near.items() if cost <= limit})
+        return {key: self.known.get(key) or self.quick[key] for key in starts}
+
+    def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
+        jobs = []
+        for key, starts in models.items():
+            begun = self.quick.get(key)
+            if (vector := self.stored.get(" ".join(key))) is not None:
+                free = self.free(starts[0].parameters)
+                starts, begun = (Start(free.parameters(free.allowed(np.array(vector)))),), None
+            jobs.append((self._alone(), self.like, tuple(starts), begun))
+        for key, (found, spent) in zip(models, self.workers.each(_best, jobs), strict=True):
+            self.known[key] = self._shared(found)
+            self.stored[" ".join(key)] = found.vector.tolist()
+            self.objective.work.predictions += spent
+
+    def _alone(self) -> Objective:
+        """Return the objective with work of its own, so that it can be counted in another process."""
+        return replace(self.objective, work=Work(stop=self.objective.work.stop if self.workers is ALONE else Work().stop))
+
+    def _shared(self, found: Fit) -> Fit:
+        """Return a fit that another process has made with the recordings of this one, in place of copies of its own."""
+        pairs = zip(self.objective.data, found.data, strict=True)
+        moved = ("shift_um", "discretisation_um", "discretised")
+        own = [replace(a, **{name: getattr(b, name) for name in moved}) for a, b in pairs]
+        return replace(found, data=tuple(own))
+
+
+def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[Fit, float]:
+    """Return the lowest of the quick fits from all starts, and the work that it took."""
+    found = []
+    for start in starts:
+        begun = _begun(objective, start, like)
+        found.append(descend(objective, begun, secant=True, steps=QUICK_STEPS))
+    return min(found, key=lambda one: one.cost), objective.work.predictions
+
+
+def _begun(objective: Objective, start: Start, like: Free) -> Fit:
+    """Return a start with derivatives, its parent's where it has one."""
+    free = freed(start.parameters, like)
+    return objective.differentiated(objective.at(free, free.start, start.parent), start.parent)
+
+
+def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit | None) -> tuple[Fit, float]:
+    """Return the lowest of the converged fits, and the work that it took.
+
+    A quick fit is converged with derivatives of its own. Focus, threshold, cross-linking and κ act together: a model
+    may have its lowest place in another valley than a smaller one. Where a width came out far from its prior, the
+    descent is repeated from the paper's seven.
+    """
+    first = begun if begun is not None else _quick(objective, like, starts)[0]
+    found = _converged(objective, first, like)
+    if (other := _from_paper(found)) is not None:
+        again = objective.differentiated(objective.at(found.free, other, found))
+        found = min(found, _converged(objective, again, like, fresh=True), key=lambda one: one.cost)
+    return found, objective.work.predictions
+
+
+def _converged(objective: Objective, fit: Fit, like: Free, *, fresh: bool = False) -> Fit:
+    """Descend with derivatives taken anew, past the ends of ranges that nature does not end, on pixels of its own."""
+    found = descend(objective, fit if fresh else objective.differentiated(fit))
+    found = _elsewhere(objective, found, like)
+    for _ in range(REPIXELLED):
+        again = repixelled(objective, found)
+        if again is found:
+            break
+        found = descend(objective, again)
+    return found
+
+
+def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:
+    """Go on from the other end where an effect has come to the end of a range that nature does not end."""
+    effects = tuple(effect.elsewhere() for effect in found.parameters.effects)
+    if effects == found.parameters.effects:
+        return found
+    free = freed(replace(found.parameters, effects=effects), like)
+    other = objective.differentiated(objective.at(free, free.start, found))
+    return min(found, descend(objective, other), key=lambda one: one.cost)
+
+
+def _from_paper(found: Fit) -> np.ndarray | None:
+    """Return the fit's vector with the seven at the paper's values, where a width is far from its prior; else None."""
+    seven = {name: default for name, (default, _) in declarations(Paper).items() if name in found.free.names}
+    values = dict(zip(found.free.names, found.vector, strict=True))
+    if all(abs(np.log(values[name] / seven[name])) < WIDTH_SD for name in seven if "fwhm" in name):
+        return None
+    vector = found.vector.copy()
+    vector[[found.free.index(name) for name in seven]] = list(seven.values())
+    return found.free.allowed(vector)
+
+
+def repixelled(objective: Objective, found: Fit) -> Fit:
+    """Return the fit with the change on finer pixels taken where it is; the fit itself where that is no other.
+
+    What a finer grid changes hangs on the focus width, and the width on what the grid is held to change: taken far
+    from where a fit ends, one wrong holds the other.
+    """
+    here = place_of(found.parameters)
+    items = [item for item in found.data if "pixels" in item.nuisances]
+    if all(item.discretised[0] == here[0] and abs(item.discretised[1] - here[1]) < FOCUS_MOVED for item in items):
+        return found
+    shown = [one.heights_um for one in found.traces]
+    data = discretised(found.data, found.parameters, shown, objective.work)
+    moved = [b.white(b.discretisation_um - a.discretisation_um) for a, b in zip(found.data, data, strict=True)]
+    if sum(float(one @ one) for one in moved) < RIM:
+        return found
+    now = objective.at(found.free, found.vector, replace(found, data=data))
+    return replace(now, jacobian=found.jacobian)

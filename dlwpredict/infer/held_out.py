@@ -1,0 +1,144 @@
+"""Prediction of data that a fit has not seen: blocks left out, whole recordings left out, to first order about the fit.
+
+A fit without some rows differs from the full one by the solution of a small linear problem; its error on those rows
+follows without predicting anything anew. Blocks are wide against the correlation of noise and model error, and points
+near the block's border train neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.whitened import Whitened
+
+BLOCK_UM, BLOCK_FWHMS = 20.0, 2.5
+"""Blocks are at least this wide, and at least so many cross-linking FWHMs ..."""
+
+BUFFER_UM = 3.0
+"""... with this much left out of the training around them."""
+
+FEWEST = 50
+"""Points that a block must have to be scored."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Errors on rows that a fit had not seen.
+
+    Parameters
+    ----------
+    squares_um2 : numpy.ndarray, shape (folds,)
+        Sums of squares, µm².
+    points : numpy.ndarray, shape (folds,)
+    """
+
+    squares_um2: np.ndarray
+    points: np.ndarray
+
+    @property
+    def rmse_um(self) -> float:
+        """Root mean square over all folds, µm."""
+        return float(np.sqrt(self.squares_um2.sum() / self.points.sum()))
+
+
+def block_um(fitted: Fit) -> float:
+    """Return the width of the blocks, µm."""
+    return max(BLOCK_UM, BLOCK_FWHMS * fitted.parameters.paper.crosslink_fwhm_xy_um)
+
+
+def blocks(fitted: Fit) -> LeftOut | None:
+    """Leave out every block of the maps in turn; None where the maps hold fewer than two."""
+    linear, folds = _Linear.of(fitted), []
+    for k, item in enumerate(fitted.data):
+        for inside, near in _block_masks(item, block_um(fitted)):
+            test = _rows(fitted, k, inside)
+            if test.sum() > FEWEST:
+                folds.append(linear.scored(_rows(fitted, k, near), test, k, own_nuisances=False))
+    return _together(folds) if len(folds) > 1 else None
+
+
+def recordings(fitted: Fit) -> LeftOut | None:
+    """Leave out every recording in turn; its own levelling and registration stay free. None with fewer than two."""
+    if len(fitted.data) < 2:
+        return None
+    linear, folds = _Linear.of(fitted), []
+    for k in range(len(fitted.data)):
+        test = np.zeros(fitted.rows.total, dtype=bool)
+        test[fitted.rows.of(k)] = True
+        unseen = test.copy()
+        unseen[fitted.rows.nuisance_priors(k)] = True
+        folds.append(linear.scored(unseen, test, k, own_nuisances=True))
+    return _together(folds)
+
+
+def _together(folds: list[tuple[float, int]]) -> LeftOut:
+    return LeftOut(*(np.array(column) for column in zip(*folds, strict=True)))
+
+
+def _block_masks(item: Whitened, width_um: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield for each block the mask of its pixels, and of those in or near it."""
+    grid = item.recording.target
+    counts = [max(int(size / width_um), 1) for size in grid.size_um]
+    if counts == [1, 1]:
+        return
+    x, y = grid.x_um + grid.size_um[0] / 2, grid.y_um + grid.size_um[1] / 2
+    for column in range(counts[0]):
+        for row in range(counts[1]):
+            masks = []
+            for extra in (0.0, BUFFER_UM):
+                across, up = (
+                    (at >= n * size / count - extra) & (at < (n + 1) * size / count + extra)
+                    for at, n, size, count in zip((x, y), (column, row), grid.size_um, counts, strict=True)
+                )
+                masks.append(up[:, None] & across)
+            yield masks[0], masks[1]
+
+
+def _rows(fitted: Fit, k: int, mask: np.ndarray) -> np.ndarray:
+    """Return which rows are the masked points of recording k."""
+    chosen = np.zeros(fitted.rows.total, dtype=bool)
+    chosen[fitted.rows.of(k)] = mask[fitted.data[k].recording.used]
+    return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """A fit to first order: all that may move, as columns of length 1, with their scalar products."""
+
+    fitted: Fit
+    matrix: np.ndarray
+    own: tuple[slice, ...]
+    products: np.ndarray
+    right: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: Fit) -> _Linear:
+        rows, nuisances = fitted.rows, fitted.nuisances
+        first = np.cumsum([fitted.jacobian.shape[1], *(above.shape[1] for above in nuisances.above)])
+        own = tuple(slice(int(a), int(b)) for a, b in zip(first, first[1:], strict=False))
+        matrix = np.zeros((rows.total, int(first[-1])))
+        matrix[:, : first[0]] = fitted.jacobian
+        for k, columns in enumerate(own):
+            matrix[rows.of(k), columns] = nuisances.above[k]
+            matrix[rows.nuisance_priors(k), columns] = nuisances.below[k]
+        matrix /= np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
+        return cls(fitted, matrix, own, matrix.T @ matrix, matrix.T @ fitted.residual)
+
+    def scored(self, unseen: np.ndarray, test: np.ndarray, k: int, *, own_nuisances: bool) -> tuple[float, int]:
+        """Fit without the unseen rows and score on the test rows of recording k: µm² and points."""
+        fitted, out = self.fitted, self.matrix[unseen]
+        values, vectors = np.linalg.eigh(self.products - out.T @ out)
+        real = values > 1e-6 * values[-1]
+        right = self.right - out.T @ fitted.residual[unseen]
+        moved = self.matrix @ (vectors[:, real] @ ((vectors[:, real].T @ right) / values[real]))
+        if own_nuisances:
+            basis = self.matrix[test, self.own[k]]
+            moved[test] += basis @ np.linalg.lstsq(basis, (fitted.residual - moved)[test], rcond=1e-6)[0]
+        item, rows = fitted.data[k], fitted.rows.of(k)
+        micrometres, inside = item.whitener.solve(moved[rows]), test[rows]
+        error = (fitted.residual_um(k)[item.recording.used] - micrometres)[inside]
+        return float(error @ error), int(inside.sum())

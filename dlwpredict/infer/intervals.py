@@ -1,0 +1,195 @@
+"""95 % intervals of what was fitted.
+
+Three things spread an estimate: noise, its model being an estimate too; what two honest computations differ by; and
+priors where the data leave a direction open. Whatever the noise model says, blocks of the residual show how much scatter
+there is along an estimator (a sandwich: White, Econometrica 48, 817, 1980); the larger of both is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.free import Free, fittable, with_values
+from dlwpredict.infer.null import Null, numerical
+from dlwpredict.infer.objective import Fit, Objective
+from dlwpredict.parameters import ParameterSet
+
+NORMAL = 1.96
+"""Standard deviations that a 95 % interval reaches to each side."""
+
+BLOCKS = 7
+"""Blocks along each side of a map: wide against the noise, and enough of them to know a variance."""
+
+CURVED = 0.25
+"""A positive parameter whose standard deviation is more than this share of its value has its profile taken; one too
+whose linear interval meets a bound."""
+
+ENDS, CLOSE = 4, 0.1
+"""Places looked at for each end of a profile, and how near the rise in cost must come to the one asked for."""
+
+
+def deviations(fitted: Fit, null: Null) -> np.ndarray:
+    """Return the standard deviation of every free parameter, infinite where nothing tells it, shape (parameters,)."""
+    estimators = fitted.estimators
+    lengths = np.linalg.norm(estimators, axis=0)
+    known = lengths > 0
+    unit = estimators / np.where(known, lengths, 1)
+    noise = np.maximum(null.along(unit).var(axis=1), _sandwich(fitted, unit))
+    open_to_priors = np.sum(unit[fitted.rows.data :] ** 2, axis=0)
+    spread = np.sqrt(noise + numerical(fitted, unit) ** 2 + open_to_priors)
+    return np.where(known, lengths * spread, np.inf)
+
+
+def _sandwich(fitted: Fit, unit: np.ndarray) -> np.ndarray:
+    """Return the variance along unit columns (rows, columns) that the residual's blocks show."""
+    found = np.zeros(unit.shape[1])
+    for item, part, residual in zip(
+        fitted.data, fitted.rows.split(unit), fitted.rows.split(fitted.residual), strict=True
+    ):
+        used = item.recording.used
+        row, col = (np.minimum(place * BLOCKS // n, BLOCKS - 1) for place, n in zip(np.nonzero(used), used.shape))
+        sums = np.zeros((BLOCKS**2, unit.shape[1]))
+        np.add.at(sums, row * BLOCKS + col, part * residual[:, None])
+        found += np.sum(sums**2, axis=0)
+    return found
+
+
+def linear(free: Free, vector: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """Return intervals about a vector, shape (parameters, 2), cut at the bounds.
+
+    A parameter that is positive by its bounds has its interval on the logarithm, which follows a badly known width
+    better.
+    """
+    reach = NORMAL * sd
+    found = np.stack([vector - reach, vector + reach], axis=1)
+    for k in np.flatnonzero((free.low > 0) & (vector > 0)):
+        factor = np.exp(min(reach[k] / vector[k], 50.0))
+        found[k] = vector[k] / factor, vector[k] * factor
+    return np.stack(free.cut(*found.T), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """95 % intervals of a fit.
+
+    Parameters
+    ----------
+    names : tuple of str
+    sd : numpy.ndarray, shape (parameters,)
+    ends : numpy.ndarray, shape (parameters, 2)
+    profiled : tuple of str
+        Parameters whose interval is a profile's.
+    """
+
+    names: tuple[str, ...]
+    sd: np.ndarray
+    ends: np.ndarray
+    profiled: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, tuple[float, float]]:
+        """Return the ends by name."""
+        return {name: (float(low), float(high)) for name, (low, high) in zip(self.names, self.ends, strict=True)}
+
+
+def intervals(
+    fitted: Fit, null: Null, objective: Objective | None = None, wanted: Sequence[str] | None = None
+) -> Intervals:
+    """Return the intervals of a converged fit.
+
+    Parameters
+    ----------
+    fitted : Fit
+    null : Null
+    objective : Objective, optional
+        Where given, profiles are taken of the wanted parameters for which a straight line will not do.
+    wanted : sequence of str, optional
+        Default: all.
+    """
+    free, sd = fitted.free, deviations(fitted, null)
+    ends, profiled = linear(free, fitted.vector, sd), []
+    if objective is not None:
+        for k in curved(fitted, sd):
+            if wanted is None or free.names[k] in wanted:
+                ends[k] = profile(objective, fitted, k, sd[k])
+                profiled.append(free.names[k])
+    return Intervals(free.names, sd, ends, tuple(profiled))
+
+
+def curved(fitted: Fit, sd: np.ndarray) -> list[int]:
+    """Return the parameters whose linear interval cannot be trusted."""
+    free, vector = fitted.free, fitted.vector
+    reach = NORMAL * np.where(np.isfinite(sd), sd, 0.0)
+    wide = (free.low >= 0) & (vector > 0) & (sd > CURVED * vector)
+    near = ((vector - reach < free.low) & (free.low < vector)) | ((vector + reach > free.high) & (vector < free.high))
+    cyclic = np.array([fittable(free.base)[name].cyclic for name in free.names])
+    return [int(k) for k in np.flatnonzero((wide | near) & np.isfinite(sd) & ~cyclic)]
+
+
+def profile(objective: Objective, fitted: Fit, k: int, sd: float) -> tuple[float, float]:
+    """Return the ends at which the best fit of all other parameters costs too much more.
+
+    Where noise is as the model has it the cost may rise by 1.96²; here by as much more as the variance along the
+    estimator is larger (the adjusted composite likelihood of Pace, Salvan & Sartori, Stat. Sin. 21, 129, 2011).
+    """
+    estimated = float(np.linalg.norm(fitted.estimators[:, k]))
+    allowed = (NORMAL * sd / max(estimated, 1e-300)) ** 2
+    ends = []
+    for side in (-1, 1):
+        bound = float(fitted.free.low[k] if side < 0 else fitted.free.high[k])
+        ends.append(_end(objective, fitted, k, side * NORMAL * sd, allowed, bound))
+    return ends[0], ends[1]
+
+
+def _end(objective: Objective, fitted: Fit, k: int, reach: float, allowed: float, bound: float) -> float:
+    """Return one end: √(rise in cost) is nearly straight, so the next place is the secant's."""
+    value = float(fitted.vector[k])
+    inside, rise_inside, outside = value, 0.0, None
+
+    def limited(place: float) -> float:
+        """Keep a place inside the bound; a positive parameter at most halves or doubles in one step."""
+        low, high = sorted((value, bound))
+        if value > 0 and fitted.free.low[k] >= 0:
+            low, high = max(low, inside / 2), min(high, 2 * inside)
+        return float(np.clip(place, low, high))
+
+    place = limited(value + reach)
+    for _ in range(ENDS):
+        rise = float(np.sqrt(max(held(objective, fitted, k, place) - fitted.cost, 0.0) / allowed))
+        if abs(rise - 1) < CLOSE or (place == bound and rise < 1):
+            return place
+        if rise < 1:
+            inside, rise_inside = place, rise
+            if outside is None:
+                place = limited(value + (place - value) / np.clip(rise, 0.3, 0.9))
+                continue
+        else:
+            outside = (place, rise)
+        share = np.clip((1 - rise_inside) / (outside[1] - rise_inside), 0.1, 0.9)
+        place = limited(inside + share * (outside[0] - inside))
+    return place
+
+
+def held(objective: Objective, near: Fit, k: int, place: float) -> float:
+    """Return the cost of the best fit with parameter k held at a place, by the derivatives of the fit near by."""
+    free = near.free
+    others = [i for i in range(len(free.names)) if i != k]
+    base = _with(near.parameters, free, near.vector, k, place)
+    part = Free(base, tuple(free.names[i] for i in others), free.low[others], free.high[others])
+    begun = objective.at(part, part.allowed(part.start), near)
+    found = descend(objective, replace(begun, jacobian=near.jacobian[:, others]), secant=True, steps=4)
+    prior = objective.known.get(free.names[k])
+    return found.cost + (prior.row(place)[0] ** 2 if prior else 0.0)
+
+
+def _with(parameters: ParameterSet, free: Free, vector: np.ndarray, k: int, place: float) -> ParameterSet:
+    """Return the process with one value moved; the other κ gives way."""
+    moved = vector.copy()
+    moved[k] = place
+    low, high = free.index("shrinkage_min"), free.index("shrinkage_max")
+    if low is not None and high is not None and moved[low] > moved[high]:
+        moved[[low, high]] = place
+    return with_values(parameters, dict(zip(free.names, moved, strict=True)))

@@ -1,0 +1,78 @@
+"""Which parameters of a process a fit moves, and what makes two processes the same model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from dlwpredict.effects.base import Effect
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import Free, choose, value_of, with_values
+from dlwpredict.parameters import ParameterSet, declarations
+from dlwpredict.process import predict
+
+Key = tuple[str, ...]
+
+
+def freed(parameters: ParameterSet, like: Free) -> Free:
+    """Return what may move: of the seven what moved before, of every effect the switches that are on, and their shapes.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+    like : Free
+        Says which of the seven move.
+    """
+    names = [name for name in like.names if "." not in name]
+    for effect in parameters.effects:
+        on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+        shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
+        shapes = [
+            n for n in shapes if not levelled(type(effect), n) and any(matters(type(effect), s, n) for s in on)
+        ]
+        names += [f"{effect.name}.{n}" for n in (*on, *shapes)]
+    return choose(parameters, free=names)
+
+
+def key_of(free: Free) -> Key:
+    """Return what makes a model: the names that move."""
+    return tuple(sorted(free.names))
+
+
+def levelled(kind: type[Effect], name: str) -> bool:
+    """Tell whether a shape is the centre of a bend of heights: elsewhere it is the same bend and a plane."""
+    return name.startswith("centre_") and kind.stage != "dose"
+
+
+@cache
+def matters(kind: type[Effect], switch: str, name: str) -> bool:
+    """Tell whether a shape parameter changes anything while this switch is on, by trying it on a small part."""
+    heights = np.zeros((20, 20))
+    heights[4:16, 4:16] = np.linspace(2, 6, 12)
+    default, declared = declarations(kind)[name]
+    other = declared.low if default == declared.high else min(declared.high, 2 * default or 1.0)
+    switched = {switch: declarations(kind)[switch][1].typical}
+    maps = [
+        predict(HeightMap(heights, 1.0, 1.0), ParameterSet(effects=(kind(**settings),)), as_measured=True).heights_um
+        for settings in (switched, switched | {name: other})
+    ]
+    return bool(np.abs(np.nan_to_num(maps[1] - maps[0])).max() > 1e-7)
+
+
+def effect_of(parameters: ParameterSet, name: str) -> Effect:
+    """Return the effect of this name."""
+    return next(effect for effect in parameters.effects if effect.name == name)
+
+
+def lacking(parameters: ParameterSet, names: Sequence[str]) -> ParameterSet:
+    """Return the process without some of its effects."""
+    return replace(parameters, effects=tuple(effect for effect in parameters.effects if effect.name not in names))
+
+
+def joined(parameters: ParameterSet, effects: Sequence[Effect], like: Free) -> ParameterSet:
+    """Return the process with effects added; what they share with those present keeps its value."""
+    known = {name: value_of(parameters, name) for name in freed(parameters, like).names}
+    return with_values(replace(parameters, effects=(*parameters.effects, *effects)), known)

@@ -1,0 +1,121 @@
+"""The noise of every recording: from its repeats where there are any, else from what a fit leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.recording import Recording
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.estimate import GRAINS_PX, SMOOTHNESSES, NoiseEstimate, estimate
+from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.parallel import ALONE, Workers
+
+SAME = 1e-6
+"""Share of the largest energy below which a direction of a design is dropped."""
+
+
+def noises(
+    recordings: Sequence[Recording],
+    residuals_um: Sequence[np.ndarray],
+    designs: Sequence[np.ndarray],
+    *,
+    repeats: Sequence[Sequence[HeightMap]] | None = None,
+    like: Sequence[NoiseEstimate] | None = None,
+    slopes: Sequence[np.ndarray | float] | None = None,
+    seed: int = 0,
+    workers: Workers = ALONE,
+) -> list[NoiseEstimate]:
+    """Estimate them.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    residuals_um : sequence of numpy.ndarray, shape (rows, cols)
+        Recording − prediction, 0 where a point does not count.
+    designs : sequence of numpy.ndarray, shape (columns, rows, cols)
+        What may be in the residuals besides noise.
+    repeats : sequence of sequence of HeightMap, optional
+        Further recordings of the same print, on the same grid, for each recording; may be empty.
+    like : sequence of NoiseEstimate, optional
+        Earlier estimates, whose kind of correlation and grain are kept.
+    slopes : sequence of numpy.ndarray, shape (rows, cols), optional
+        |∇f| of each recording, on which its noise may hang.
+    seed : int
+        Of the drawn noise.
+    workers : Workers
+    """
+    jobs = []
+    for k, (recording, residual, design) in enumerate(zip(recordings, residuals_um, designs, strict=True)):
+        used, source = recording.used, "residual"
+        if others := (repeats or [()] * len(recordings))[k]:
+            difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
+            used, source = used & np.isfinite(difference), "repeats"
+            residual, design = np.where(used, difference, 0.0), plane(recording.target)
+        pitch = recording.target.dx_um, recording.target.dy_um
+        kinds = _kinds(like[k].model.even) if like else (SMOOTHNESSES, GRAINS_PX)
+        slope = slopes[k] if slopes else 0.0
+        jobs.append((residual, used, pitch, design, kinds, slope, source, seed + k))
+    return workers.each(_noise, jobs)
+
+
+def plane(grid: HeightMap) -> np.ndarray:
+    """Return offset and tilts, what any recording may have besides noise, shape (3, rows, cols)."""
+    x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
+    return np.stack([np.ones(grid.shape), x / grid.size_um[0], y / grid.size_um[1]])
+
+
+def white(recording: Recording, sigma_um: float) -> Uneven:
+    """Return white noise on a recording's grid: what is assumed before any is estimated."""
+    grid = recording.target
+    return Uneven(Noise(sigma_um, 0.0, grid.dx_um, grid.dx_um, grid.dy_um))
+
+
+def scale_um(residual_um: np.ndarray) -> float:
+    """Return the standard deviation of the bulk of residuals, 1.4826·median|r|; at least 1 nm.
+
+    Examples
+    --------
+    >>> round(scale_um(np.array([-0.1, 0.1, 0.1, -0.1, 50.0])), 5)
+    0.14826
+    """
+    return max(float(1.4826 * np.median(np.abs(residual_um))), 1e-3)
+
+
+def _kinds(known: Noise) -> tuple[tuple[float], tuple[float]]:
+    """Return the smoothness and the grain (pixels) of a noise that is known."""
+    return (known.smoothness,), (known.grain_um / known.pitch_um,)
+
+
+def _noise(
+    residual_um: np.ndarray,
+    used: np.ndarray,
+    pitch_um: tuple[float, float],
+    design: np.ndarray,
+    kinds: tuple[Sequence[float], Sequence[float]],
+    slope: np.ndarray | float,
+    source: str,
+    seed: int,
+) -> NoiseEstimate:
+    forms = compressed(design, used)
+    return estimate(residual_um, used, pitch_um, forms, *kinds, slope=slope, source=source, seed=seed)
+
+
+def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return an orthogonal set of the same span, without what is nearly a combination of the others.
+
+    Parameters
+    ----------
+    columns : numpy.ndarray, shape (columns, rows, cols)
+    used : numpy.ndarray of bool, shape (rows, cols)
+    """
+    values = columns[:, used].T
+    sizes = np.linalg.norm(values, axis=0)
+    values = values[:, sizes > 0] / sizes[sizes > 0]
+    energies, vectors = np.linalg.eigh(values.T @ values)
+    real = energies > SAME * energies[-1]
+    maps = np.zeros((int(real.sum()), *used.shape))
+    maps[:, used] = ((values @ vectors[:, real]) / np.sqrt(energies[real])).T * np.sqrt(used.sum())
+    return maps

@@ -1,0 +1,164 @@
+"""A recording beside its target: which points count, what is free about its pose, and on which pixels it is worked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dlwpredict.align.spikes import suspected_spikes
+from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.heightmap import HeightMap, require_same_grid
+from dlwpredict.infer.priors import LATERAL, LEVELLING, NUISANCES
+from dlwpredict.process import check_target
+from dlwpredict.walls import WALL_PX, near_walls
+
+FEWEST_POINTS = 500
+"""Measured points on the part that a fit must at least have, all recordings together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One aligned recording and its target, ready to be fitted.
+
+    Parameters
+    ----------
+    name : str
+        What the user calls it.
+    target, measured : HeightMap
+        On one grid.
+    used : numpy.ndarray of bool, shape (rows, cols)
+        Points that count: measured, not filled, away from walls.
+    nuisances : tuple of str
+        What is free about it, of `priors.NUISANCES`: all else is trusted.
+    """
+
+    name: str
+    target: HeightMap
+    measured: HeightMap
+    used: np.ndarray = field(repr=False)
+    nuisances: tuple[str, ...] = ()
+
+    @property
+    def heights_um(self) -> np.ndarray:
+        """Measured heights at the used points, shape (points,)."""
+        return self.measured.heights_um[self.used]
+
+    @property
+    def points(self) -> int:
+        """Number of used points."""
+        return int(self.used.sum())
+
+    def on_map(self, values: np.ndarray) -> np.ndarray:
+        """Return values at the used points as a map, 0 elsewhere, shape (..., rows, cols)."""
+        maps = np.zeros((*values.shape[:-1], *self.used.shape))
+        maps[..., self.used] = values
+        return maps
+
+
+def prepare(
+    target: HeightMap,
+    measured: HeightMap,
+    *,
+    name: str = "recording",
+    target_name: str = "target",
+    wall_px: int = WALL_PX,
+) -> Recording:
+    """Check a pair and choose the points that count.
+
+    Its registration is free within what an alignment leaves, and its levelling where its heights are relative.
+
+    Raises
+    ------
+    InputError
+        Nothing written, negative or missing target heights, different grids.
+    ResultError
+        No measured point left.
+    """
+    with blaming(target_name):
+        _check_target(target, measured)
+    require_same_grid(target, measured, (target_name, name))
+    used = measured.measured & ~near_walls(target, wall_px)
+    if not used.any():
+        raise ResultError(
+            f"none of {int(measured.measured.sum())} measured points lies {wall_px} px away from walls",
+            where=name,
+            key="heights",
+            allowed="use a smaller --wall-px or a structure with slopes",
+        )
+    return Recording(name, target, measured, used, trusted(measured))
+
+
+def trusted(measured: HeightMap) -> tuple[str, ...]:
+    """Return the nuisances of a recording whose heights are taken at their word."""
+    return (*(LEVELLING if measured.height_reference == "relative" else ()), *LATERAL)
+
+
+def doubted(recording: Recording) -> Recording:
+    """Return the recording with every nuisance free: what levelling and pixels do must not pass for physics."""
+    return replace(recording, nuisances=tuple(NUISANCES))
+
+
+def _check_target(target: HeightMap, measured: HeightMap) -> None:
+    """Refuse a target that cannot be written, and say so where the recording in its place could be."""
+    try:
+        check_target(target)
+    except InputError as error:
+        try:
+            check_target(measured)
+        except InputError:
+            raise error from None
+        allowed = f"{error.allowed}; are target and recording exchanged?"
+        raise type(error)(error.what, key=error.key, allowed=allowed) from None
+
+
+def check_points(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that leave fewer points than a fit needs.
+
+    Raises
+    ------
+    ResultError
+        Fewer than `FEWEST_POINTS`.
+    """
+    points = sum(int((r.used & (r.target.heights_um > 0)).sum()) for r in recordings)
+    if points < FEWEST_POINTS:
+        raise ResultError(
+            f"{points} measured points on the part and away from walls",
+            where=recordings[0].name,
+            key="heights",
+            allowed=f"at least {FEWEST_POINTS} in all recordings together",
+        )
+
+
+def without_spikes(recording: Recording, residual_um: np.ndarray) -> Recording:
+    """Return the recording without lone points that stand out of a residual (rows, cols), 0 where none counts."""
+    return replace(recording, used=recording.used & ~suspected_spikes(residual_um, recording.used))
+
+
+def coarser(recording: Recording, factor: int) -> Recording:
+    """Return the pair on pixels ``factor`` times as wide; a wide pixel counts where most of it counted.
+
+    Rows and columns that do not fill a wide pixel are left out of the recording, but not out of the target: it is
+    completed with empty resin.
+    """
+    if factor == 1:
+        return recording
+    counts = _blocks(recording.used.astype(float), factor)
+    heights = _blocks(np.where(recording.used, recording.measured.heights_um, 0.0), factor)
+    used = counts > 0.5
+    measured = np.where(used, heights / np.where(used, counts, 1), np.nan)
+
+    def on_grid(values: np.ndarray) -> HeightMap:
+        grid = recording.target
+        return HeightMap(values, grid.dx_um * factor, grid.dy_um * factor, recording.measured.height_reference)
+
+    target = replace(on_grid(_blocks(recording.target.heights_um, factor)), height_reference="substrate")
+    return Recording(recording.name, target, on_grid(measured), used, recording.nuisances)
+
+
+def _blocks(values: np.ndarray, factor: int) -> np.ndarray:
+    """Return the means over blocks of factor × factor pixels, zeros beyond the map."""
+    padded = np.pad(values, [(0, -n % factor) for n in values.shape])
+    rows, cols = (n // factor for n in padded.shape)
+    return padded.reshape(rows, factor, cols, factor).mean(axis=(1, 3))

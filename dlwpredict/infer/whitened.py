@@ -1,0 +1,178 @@
+"""One recording in whitened space: its residual, what its nuisances do, and its registration.
+
+In whitened space noise is white with variance 1, least squares is maximum likelihood, and rows of priors stand beside
+rows of data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import ndimage
+
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.priors import LATERAL, SHIFTS
+from dlwpredict.infer.recording import Recording
+from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.noise.whitening import Whitener
+
+STEEPEST = 3.0
+"""Slope beyond which a pixel's is that of a wall, and says nothing more."""
+
+
+def gradient(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
+    """Return the derivative along an axis of the array by the central difference of fourth order.
+
+    It reaches two pixels to either side, less than the rim of a wall that does not count: a jump of the map never
+    passes for a slope.
+    """
+    return ndimage.correlate1d(heights_um, np.array([1, -8, 0, 8, -1]) / 12, axis=axis, mode="nearest") / pitch_um
+
+
+def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
+    """Return the second derivative along an axis of the array, fourth order, two pixels to either side."""
+    taps = np.array([-1, 16, -30, 16, -1]) / 12
+    return ndimage.correlate1d(heights_um, taps, axis=axis, mode="nearest") / pitch_um**2
+
+
+def steepness(heights_um: np.ndarray, grid: HeightMap) -> np.ndarray:
+    """Return |∇f| of a map, at most `STEEPEST`, shape (rows, cols)."""
+    across, down = gradient(heights_um, grid.dx_um, 1), gradient(heights_um, grid.dy_um, 0)
+    return np.minimum(np.hypot(across, down), STEEPEST)
+
+
+def shifted(
+    heights_um: np.ndarray, grid: HeightMap, shift_um: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return maps (..., rows, cols) moved by a small (x, y), y upwards, to second order, and their slopes.
+
+    f − x·f_x − y·f_y + (x²·f_xx + 2xy·f_xy + y²·f_yy)/2; the slopes, along x and y, are minus its exact derivatives by
+    x and y. Differences of the moved map would not be: where features are few pixels wide, registration by them does
+    not converge.
+    """
+    x, y = shift_um
+    right, up = gradient(heights_um, grid.dx_um, -1), -gradient(heights_um, grid.dy_um, -2)
+    if x == 0 and y == 0:
+        return heights_um, right, up
+    mixed = gradient(up, grid.dx_um, -1)
+    slope_x = right - x * bending(heights_um, grid.dx_um, -1) - y * mixed
+    slope_y = up - y * bending(heights_um, grid.dy_um, -2) - x * mixed
+    return heights_um - (x * (right + slope_x) + y * (up + slope_y)) / 2, slope_x, slope_y
+
+
+def displacements(grid: HeightMap) -> np.ndarray:
+    """Return the fields u of the lateral nuisances: (1, 0), (0, 1), (−y, x), (x, 0), (0, y), (y, 0).
+
+    Returns
+    -------
+    numpy.ndarray, shape (lateral nuisances, 2, rows, cols)
+        Along x and y.
+    """
+    x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
+    one, no = np.ones(grid.shape), np.zeros(grid.shape)
+    return np.array([(one, no), (no, one), (-y, x), (x, no), (no, y), (y, no)])
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """One recording in whitened space.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its `used` points are those of the whitener.
+    noise : Uneven
+    whitener : Whitener
+        Turns values at the used points into independent ones of variance 1.
+    discretisation_um : numpy.ndarray, shape (rows, cols), or 0
+        Change of the prediction on pixels of half the size.
+    discretised : tuple
+        What that change hangs on most: the process's effects, and the logarithm of the focus's lateral width.
+    slope : numpy.ndarray, shape (rows, cols), or 0
+        |∇f| of the surface, where the noise hangs on it.
+    shift_um : tuple of float
+        Registration found so far, about which the shift columns are taken.
+    """
+
+    recording: Recording
+    noise: Uneven
+    whitener: Whitener = field(repr=False)
+    discretisation_um: np.ndarray | float = field(default=0.0, repr=False)
+    discretised: tuple[tuple[str, ...], float] = ((), 0.0)
+    slope: np.ndarray | float = field(default=0.0, repr=False)
+    shift_um: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        noise: Uneven,
+        slope: np.ndarray | float = 0.0,
+    ) -> Whitened:
+        """Build the whitener of a recording."""
+        return cls(recording, noise, Whitener.of(recording.used, noise, slope), slope=slope)
+
+    @property
+    def nuisances(self) -> tuple[str, ...]:
+        """Names of the nuisances that are free."""
+        return self.recording.nuisances
+
+    def white(self, maps: np.ndarray) -> np.ndarray:
+        """Whiten maps (..., rows, cols), result (points, ...)."""
+        values = np.moveaxis(np.asarray(maps)[..., self.recording.used], -1, 0)
+        return self.whitener @ (values.reshape(len(values), -1) if values.ndim > 1 else values)
+
+    def moved(self, predicted_um: np.ndarray) -> np.ndarray:
+        """Return a prediction where registration has put it."""
+        return shifted(predicted_um, self.recording.target, self.shift_um)[0] if any(self.shift_um) else predicted_um
+
+    def residual(self, predicted_um: np.ndarray) -> np.ndarray:
+        """Whiten recording − prediction, shape (points,)."""
+        measured = self.recording.measured.heights_um
+        return self.white(np.where(self.recording.used, measured, 0.0) - self.moved(predicted_um))
+
+    def nuisance_maps(self, predicted_um: np.ndarray) -> np.ndarray:
+        """Return the nuisance columns as maps (nuisance, rows, cols), in the order of `nuisances`.
+
+        The lateral ones are −∇f·u for their displacements u.
+        """
+        grid = self.recording.target
+        _, right, up = shifted(predicted_um, grid, self.shift_um)
+        half_x, half_y = (size / 2 for size in grid.size_um)
+        columns = {
+            "offset": np.ones(grid.shape),
+            "tilt_x": np.broadcast_to(grid.x_um / half_x, grid.shape),
+            "tilt_y": np.broadcast_to(grid.y_um[:, None] / half_y, grid.shape),
+            "pixels": np.broadcast_to(self.discretisation_um, grid.shape),
+        }
+        fields = zip(LATERAL, displacements(grid), strict=True)
+        columns |= {name: -across * right - upwards * up for name, (across, upwards) in fields}
+        chosen = [columns[name] for name in self.nuisances]
+        return np.stack(chosen) if chosen else np.zeros((0, *grid.shape))
+
+    def known(self) -> np.ndarray:
+        """Return how much of each nuisance is in the prediction already, shape (nuisances,)."""
+        has = dict(zip(SHIFTS, self.shift_um, strict=True))
+        return np.array([has.get(name, 0.0) for name in self.nuisances])
+
+    def registered(self, changes_um: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Return changes of the prediction (..., rows, cols) where registration has put what they change.
+
+        f − ∇f·u of the shift found and of the lateral nuisances with their coefficients: linear in f, so that this is
+        exactly the change of the prediction with its nuisances, as long as they keep their coefficients.
+        """
+        grid = self.recording.target
+        values = dict(zip(self.nuisances, coefficients, strict=True))
+        moved, right, up = shifted(changes_um, grid, self.shift_um)
+        lateral = np.array([values.get(name, 0.0) for name in LATERAL])
+        across, upwards = np.tensordot(lateral, displacements(grid), axes=1)
+        return moved - across * right - upwards * up
+
+    def shifted_by(self, coefficients: np.ndarray) -> Whitened:
+        """Return the recording with its registration moved by its shift coefficients, by at most a pixel in all."""
+        values = dict(zip(self.nuisances, coefficients, strict=True))
+        limit = np.array([self.recording.target.dx_um, self.recording.target.dy_um])
+        step = np.array([values.get(name, 0.0) for name in SHIFTS])
+        return replace(self, shift_um=tuple(np.clip(np.array(self.shift_um) + step, -limit, limit).tolist()))

@@ -1,0 +1,1 @@
+"""The noise of a height map: its covariance, where it is uneven, what whitens it, and how it is estimated."""

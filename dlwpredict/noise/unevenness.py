@@ -1,0 +1,261 @@
+"""Noise that is not the same everywhere on a map: more on slopes, and with offsets of whole rows and columns.
+
+Offsets of a tenth of the noise of one point are still what the mean of a long row consists of, and noise that is twice
+as strong on slopes is what stands out there; free forms, ripples and names then find structure where there is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize, sparse, special
+
+from dlwpredict.noise.covariance import Noise
+
+LEVEL = 0.01
+"""Probability that even noise is called uneven, each way of being so."""
+
+OUTLYING = 4.0
+"""Whitened values are clipped here, so that no spike passes for what it lies on."""
+
+JITTERS = 0.05, 50.0
+"""Jitter, in standard deviations of the noise on flat ground, that is looked for."""
+
+OFFSETS_UM = 1e-5, 10.0
+"""Standard deviation of offsets that is looked for, µm."""
+
+
+@dataclass(frozen=True)
+class Uneven:
+    """Noise that is not the same everywhere: more on slopes, and with offsets of whole rows and columns.
+
+    ε(x, y)·(1 + (jitter·|∇f|/σ)^p)^(1/p) + u(y) + v(x): a lateral jitter becomes height where the surface f is steep
+    (in quadrature, p = 2, where it is independent of ε), and scanning instruments give every line that they scan an
+    offset of its own.
+
+    Parameters
+    ----------
+    even : Noise
+        ε, of standard deviation σ on flat ground.
+    jitter_um : float
+        Standard deviation of the lateral jitter, µm.
+    power : float
+        p.
+    row_um, column_um : float
+        Standard deviations of the offsets, µm.
+
+    Examples
+    --------
+    >>> round(float(Uneven(Noise(0.003, 0.004, 1.0, 0.5, 0.5), jitter_um=0.012).scale(1.0)), 9)
+    2.6
+    """
+
+    even: Noise
+    jitter_um: float = 0.0
+    power: float = 2.0
+    row_um: float = 0.0
+    column_um: float = 0.0
+
+    @property
+    def sigma_um(self) -> float:
+        """Standard deviation of one pixel on flat ground, µm."""
+        return float(np.sqrt(self.even.sigma_um**2 + self.row_um**2 + self.column_um**2))
+
+    def scale(self, slope: np.ndarray | float) -> np.ndarray:
+        """Return how many times stronger ε is on a slope |∇f| than on flat ground."""
+        return grown(self.jitter_um / self.even.sigma_um * np.asarray(slope), self.power)
+
+    def simulate(self, shape: tuple[int, int], rng: np.random.Generator, slope: np.ndarray | float = 0.0) -> np.ndarray:
+        """Draw one map of noise, shape (rows, cols), on ground of this slope."""
+        return self.simulate_many(shape, rng, 1, slope)[0]
+
+    def simulate_many(
+        self, shape: tuple[int, int], rng: np.random.Generator, count: int, slope: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Draw maps of noise, shape (count, rows, cols), on ground of this slope."""
+        drawn = self.even.simulate_many(shape, rng, count)
+        if self.jitter_um:
+            drawn *= self.scale(slope)
+        if self.row_um:
+            drawn += self.row_um * rng.standard_normal((count, shape[0], 1))
+        if self.column_um:
+            drawn += self.column_um * rng.standard_normal((count, 1, shape[1]))
+        return drawn
+
+
+def grown(ratio: np.ndarray | float, power: float) -> np.ndarray:
+    """Return (1 + ratio^p)^(1/p): 1 for a small, the ratio itself for a large one."""
+    return (1 + np.power(ratio, power)) ** (1 / power)
+
+
+@dataclass(frozen=True)
+class Unevenness:
+    """One way of being uneven.
+
+    Parameters
+    ----------
+    size : float
+        Where it is most likely.
+    gain : float
+        2 ln L there above that of even noise.
+    """
+
+    size: float
+    gain: float
+
+    @property
+    def p_value(self) -> float:
+        """Probability that even noise looks as uneven.
+
+        Half the time it is most likely even; else the gain is χ² of one degree of freedom (Self & Liang, J. Am. Stat.
+        Assoc. 82, 605, 1987).
+        """
+        return float(special.chdtrc(1, self.gain) / 2) if self.gain > 0 else 1.0
+
+    @property
+    def found(self) -> float:
+        """The size where it is more than chance, else 0."""
+        return self.size if self.p_value < LEVEL else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evened:
+    """Values, and what may be in them, where their noise is made even.
+
+    Parameters
+    ----------
+    values_um : numpy.ndarray, shape (points,)
+    design : numpy.ndarray, shape (points, columns)
+        What may be in the values besides noise.
+    members : tuple of scipy.sparse.csr_array, shape (points, lines)
+        Which points lie on which row, and on which column.
+    steep : numpy.ndarray, shape (points,)
+        |∇f|.
+    growth, power : float
+        k and p of s = (1 + (k·|∇f|)^p)^(1/p), how many times stronger the noise is than on flat ground: everything is
+        divided by it.
+    axes : tuple of int
+        0 or 1: rows or columns beside whose means everything is looked at.
+    """
+
+    values_um: np.ndarray
+    design: np.ndarray
+    members: tuple[sparse.csr_array, sparse.csr_array]
+    steep: np.ndarray
+    growth: float = 0.0
+    power: float = 2.0
+    axes: tuple[int, ...] = ()
+
+    @property
+    def scale(self) -> np.ndarray:
+        """How many times stronger the noise is than on flat ground, shape (points,)."""
+        return grown(self.growth * self.steep, self.power)
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Return values (points, columns) made even."""
+        if self.growth:
+            values = values / self.scale[:, None]
+        return self.beside_lines(values)
+
+    def beside_lines(self, values: np.ndarray) -> np.ndarray:
+        """Return values (points, columns), divided already, without what is constant along the uneven lines."""
+        for axis in self.axes * len(self.axes):
+            lines = self.lines(axis)
+            sizes = np.maximum(lines.power(2).sum(axis=0), 1e-300)
+            values = values - lines @ ((lines.T @ values) / np.reshape(sizes, (-1, 1)))
+        return values
+
+    def lines(self, axis: int) -> sparse.csr_array:
+        """Return an offset of each row (axis 0) or column (axis 1), made even, shape (points, lines)."""
+        return sparse.csr_array(sparse.diags_array(1 / self.scale) @ self.members[axis])
+
+    def seen(self, near: sparse.csr_array) -> Seen:
+        """Return what is left to see where the noise is whitened by a matrix (points, points)."""
+        values, design = self.of(self.values_um[:, None])[:, 0], self.of(self.design)
+        basis, turn = orthonormal(near @ design)
+        return Seen(self, near, values - design @ (turn @ (basis.T @ (near @ values))), basis)
+
+    def offsets(self, near: sparse.csr_array) -> tuple[Unevenness, Unevenness]:
+        """Estimate the offsets of rows and of columns, each beside the means of the other only."""
+        free = {axis: tuple(other for other in self.axes if other != axis) for axis in (0, 1)}
+        views = {axes: replace(self, axes=axes).seen(near) for axes in set(free.values())}
+        return views[free[0]].offsets(0), views[free[1]].offsets(1)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Values made even and whitened, beside what else may be in them.
+
+    Parameters
+    ----------
+    even : Evened
+    near : scipy.sparse.csr_array, shape (points, points)
+        Whitens noise that is even.
+    left : numpy.ndarray, shape (points,)
+        Values made even, without what the design takes of them.
+    basis : numpy.ndarray, shape (points, rank)
+        Orthonormal basis of the whitened design.
+    """
+
+    even: Evened
+    near: sparse.csr_array
+    left: np.ndarray
+    basis: np.ndarray
+
+    def offsets(self, axis: int) -> Unevenness:
+        """Estimate the offsets of rows (axis 0) or columns (axis 1), µm, by restricted maximum likelihood.
+
+        With whitened values w and lines A, both beside the design, and G = AᵀA = Σ g_i v_i v_iᵀ, c = VᵀAᵀw:
+        2 ln L(σ) − 2 ln L(0) = Σ σ² c_i²/(1 + σ² g_i) − ln(1 + σ² g_i).
+        """
+        white = np.clip(self.near @ self.left, -OUTLYING, OUTLYING)
+        along = self.near @ self.even.lines(axis)
+        shared = along.T @ self.basis
+        energies, vectors = np.linalg.eigh((along.T @ along).toarray() - shared @ shared.T)
+        known = energies > 1e-9 * energies[-1]
+        squares = (vectors[:, known].T @ (along.T @ white - shared @ (self.basis.T @ white))) ** 2
+
+        def gain(log_size: float) -> float:
+            variance = np.exp(2 * log_size)
+            grown = 1 + variance * energies[known]
+            return float(np.sum(variance * squares / grown - np.log(grown)))
+
+        return _likeliest(gain, OFFSETS_UM)
+
+    def jitter(self, power: float) -> Unevenness:
+        """Estimate how noise grows on slopes, in standard deviations of the noise on flat ground.
+
+        −2 ln L(k) = n ln Σ w_i² + 2 Σ ln s_i with w the whitened r/s of what the design leaves.
+
+        Parameters
+        ----------
+        power : float
+            p.
+        """
+        steep = self.even.steep
+        if not steep.any():
+            return Unevenness(0.0, 0.0)
+
+        def deviance(size: float) -> float:
+            scale = grown(size * steep, power)
+            white = self.near @ (self.left / scale)
+            most = OUTLYING * np.sqrt(np.mean(white**2))
+            return float(len(white) * np.log(np.sum(np.clip(white, -most, most) ** 2)) + 2 * np.log(scale).sum())
+
+        even = deviance(0.0)
+        return _likeliest(lambda log_size: even - deviance(np.exp(log_size)), JITTERS)
+
+
+def orthonormal(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return an orthonormal basis of columns, and the matrix that makes it of them."""
+    energies, turn = np.linalg.eigh(columns.T @ columns)
+    real = energies > 1e-10 * energies.max(initial=1e-300)
+    turn = turn[:, real] / np.sqrt(energies[real])
+    return columns @ turn, turn
+
+
+def _likeliest(gain: Callable[[float], float], ends: tuple[float, float]) -> Unevenness:
+    found = optimize.minimize_scalar(lambda log_size: -gain(log_size), bounds=np.log(ends), method="bounded")
+    return Unevenness(float(np.exp(found.x)), gain(found.x))
