@@ -196,8 +196,8 @@ def test_derivative_is_continuous_at_off(name, switch):
         return (maps[1] - maps[0]) / (high - low)
 
     first = slope(0, 1)
-    # a width has no slope at 0: there the typical change sets the scale
-    allowed = 0.02 * max(rms(first), rms(slope(0, 500))) + 1e-7
+    # a width has no slope at 0: there the typical change sets the scale; single precision rounds by 1.5e-7 µm
+    allowed = 0.02 * max(rms(first), rms(slope(0, 500))) + 2e-7
     assert rms(slope(1, 2) - first) <= allowed
     if known.low < off:
         assert rms(slope(-1, 0) - first) <= allowed

@@ -21,11 +21,11 @@ from dlwpredict.diagnose.structure.test import SINGLE, Model
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer import held_out
 from dlwpredict.infer.baseline import fitter_of, rough
-from dlwpredict.infer.fitter import Start
+from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.intervals import Intervals, intervals
 from dlwpredict.infer.model import freed
-from dlwpredict.infer.noises import noises
+from dlwpredict.infer.noises import noises, white
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import PARAMETERS
@@ -38,6 +38,10 @@ from dlwpredict.parameters import ParameterSet
 
 STAGES = {"fit": 0.12, "signatures": 0.2, "noise": 0.15, "screen": 0.13, "refits": 0.3, "judgement": 0.1}
 """What is done, in order, each with about its share of the time where one effect is found."""
+
+
+DOUBTED_UM = 0.01
+"""Noise by which a recording held out is registered before its own is estimated."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ class Diagnosis:
         Scores beside the baseline.
     thresholds : Thresholds
     null : Null
-    objective : Objective
+    fitter : Fitter
     agreement : Energy or None
         Whether every recording alone would give the same parameters.
     places : tuple of Place
@@ -106,7 +110,7 @@ class Diagnosis:
     screen: Linearised
     thresholds: Thresholds
     null: Null
-    objective: Objective
+    fitter: Fitter
     agreement: Energy | None
     places: tuple[Place, ...]
     mismatch: tuple[np.ndarray, ...]
@@ -124,7 +128,7 @@ class Diagnosis:
     def held_out_um(self, fitted: Fit) -> float | None:
         """Return the root mean square error of a fit on data that it has not seen, µm."""
         if self.holdout:
-            seen = replace(self.objective, data=self.holdout, work=Work())
+            seen = replace(self.fitter.objective, data=self.holdout, work=Work())
             return seen.at(fitted.free, fitted.vector).rmse_um()
         found = held_out.recordings(fitted) or held_out.blocks(fitted)
         return found.rmse_um if found else None
@@ -132,7 +136,7 @@ class Diagnosis:
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
         """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
         own = [name for name in fitted.free.names if "." in name]
-        return intervals(fitted, self.null, self.objective if profiles else None, own)
+        return intervals(fitted, self.null, self.fitter.objective if profiles else None, own)
 
     @property
     def explained(self) -> float:
@@ -161,6 +165,7 @@ def diagnose(
     keep: Callable[[Diagnosis], None] = lambda found: None,
     workers: Workers = ALONE,
     work: Work | None = None,
+    stored: dict[str, dict[str, list[float]]] | None = None,
 ) -> Diagnosis:
     """Find out what the model lacks.
 
@@ -187,6 +192,8 @@ def diagnose(
         Who share what can be done at once.
     work : Work, optional
         Counts the predictions.
+    stored : dict, optional
+        Best fits of an interrupted run of the same command; those of this one are added as they are found.
 
     Raises
     ------
@@ -194,7 +201,7 @@ def diagnose(
         Too few points.
     """
     check_points(recordings)
-    work = work or Work()
+    work, stored = work or Work(), {} if stored is None else stored
     free = freed(start, choose(start))
     tell(Stage.of("fit", "fitting the seven"))
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
@@ -206,13 +213,13 @@ def diagnose(
     estimate = {"repeats": repeats, "slopes": slopes, "seed": seed, "workers": workers}
     tell(Stage.of("noise", "estimating the noise"))
     better, found, ended = noises(recordings, first.residuals_um(), designs, **estimate), None, ()
-    for _ in range(policy.PASSES):
-        noise = better
-        fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers)
+    for number in range(policy.PASSES):
+        noise, own = better, stored.setdefault(f"pass {number}", {})
+        fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers, stored=own)
         tell(Stage.of("screen", "scoring every named effect"))
         baseline = fitter.best(Start(first.parameters))
         null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
-        judge = _Judge(recordings, noise, baseline, fitter.objective, null, holdout, free, seed)
+        judge = _Judge(recordings, noise, baseline, fitter, null, holdout, seed)
         search = Search(fitter, null, baseline, signatures)
         keep(judge.answer(search, frozenset(), complete=False))
         tell(Stage.of("refits", "refitting the leading sets of effects"))
@@ -240,20 +247,19 @@ class _Judge:
         recordings: Sequence[Recording],
         noise: Sequence[NoiseEstimate],
         baseline: Fit,
-        objective: Objective,
+        fitter: Fitter,
         null: Null,
         holdout: Sequence[Recording],
-        free,
         seed: int,
     ) -> None:
-        self.recordings, self.noise, self.objective, self.null = tuple(recordings), tuple(noise), objective, null
+        self.recordings, self.noise, self.fitter, self.null = tuple(recordings), tuple(noise), fitter, null
         self.forms = Forms.of(baseline)
         self.bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
         self.baseline = Model.of(baseline, self.forms, self.bumps, Columns.of(noise), null)
         strange = [one for one in self.baseline.patterns if one.p_value < SINGLE]
         self.places, self.mismatch = locate(baseline, self.forms, self.baseline.beside, self.bumps, strange)
         self.agreement = agreement(baseline, self.baseline.draws)
-        self.holdout = tuple(_held_out(doubted(r), baseline, objective, free, seed) for r in holdout)
+        self.holdout = tuple(_held_out(doubted(r), baseline, fitter.objective, seed) for r in holdout)
         self.models: dict[Names, Model] = {frozenset(): self.baseline}
 
     def answer(self, search: Search, names: Names, *, complete: bool) -> Diagnosis:
@@ -273,7 +279,7 @@ class _Judge:
             search.first,
             search.asked,
             self.null,
-            self.objective,
+            self.fitter,
             self.agreement,
             tuple(self.places),
             tuple(self.mismatch),
@@ -283,11 +289,9 @@ class _Judge:
         )
 
 
-def _held_out(recording: Recording, baseline: Fit, objective: Objective, free, seed: int) -> Whitened:
+def _held_out(recording: Recording, baseline: Fit, objective: Objective, seed: int) -> Whitened:
     """Whiten a recording by the noise of its own."""
-    from dlwpredict.infer.noises import white
-
-    rough_item = Whitened.of(recording, white(recording, 0.01))
+    rough_item = Whitened.of(recording, white(recording, DOUBTED_UM))
     seen = replace(objective, data=(rough_item,), work=Work()).at(baseline.free, baseline.vector)
     slope = steepness(seen.traces[0].heights_um, recording.target)
     noise = noises([recording], seen.residuals_um(), [smooth_forms(recording.target)], slopes=[slope], seed=seed)[0]

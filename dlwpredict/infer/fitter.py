@@ -111,6 +111,7 @@ class Fitter:
             Model to its best fit, or to its quick one.
         """
         starts = {key_of(self.free(own[0].parameters)): own for own in models}
+        self._converge({key: own for key, own in starts.items() if key not in self.known and " ".join(key) in self.stored})
         unknown = {key: own for key, own in starts.items() if key not in self.known and key not in self.quick}
         jobs = [(self._alone(), self.like, tuple(own)) for own in unknown.values()]
         for key, (found, spent) in zip(unknown, self.workers.each(_quick, jobs), strict=True):

@@ -220,7 +220,7 @@ def _most_likely(
     tried = [_lowest(ends, templates)]
     for grain in grains_px[1:]:
         templates = [replace(one, grain_um=grain * like.pitch_um) for one in templates]
-        ends = _polished(likelihood, templates, [end[:2] for _, end in ends], STEPS[2:])
+        ends = _polished(likelihood, templates, [end[:2] for _, end in ends], STEPS[1:])
         tried.append(_lowest(ends, templates))
         if tried[-1][0] >= tried[-2][0]:
             break

@@ -7,6 +7,7 @@ effects is a block of columns: what it does, and its tangents. So sets with and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, special
@@ -110,12 +111,12 @@ class Linearised:
             float(residual @ residual),
         )
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """Effect of every candidate."""
         return [candidate.name for candidate in self.chosen]
 
-    @property
+    @cached_property
     def signs(self) -> np.ndarray:
         """Sign of the strength that alone is physical; 0 where both are, shape (candidates,)."""
         return np.array([candidate.sign for candidate in self.chosen])
@@ -125,7 +126,7 @@ class Linearised:
         """Number of columns that stand before the candidates'."""
         return self.blocks[-1].stop if self.blocks else 0
 
-    @property
+    @cached_property
     def z(self) -> np.ndarray:
         """Score of every candidate beside the process alone, in standard deviations; 0 where the sign is forbidden."""
         raw = self.raw[self.first :]
