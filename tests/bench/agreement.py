@@ -12,11 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlwpredict.diagnose.evidence import prior_rows, stack
-from dlwpredict.diagnose.fit import Fit
-from dlwpredict.diagnose.screen import beside
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
+from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import declarations
 from dlwpredict.process import predict
 from tests.bench.cases import Case, process, target
@@ -28,6 +26,9 @@ from tests.prove.sealed import Bare, shown
 
 SEED, Z = 2011, 10.0
 """Of the process; how far the program's change shall stand out of the noise."""
+
+LEAST = 1e-6
+"""Less than this share of a change counts as nothing."""
 
 
 def bare(seed: int) -> Bare:
@@ -41,9 +42,10 @@ def bare(seed: int) -> Bare:
 
 def left(fitted: Fit, changes_um: list[np.ndarray]) -> tuple[np.ndarray, float]:
     """Return what a fit leaves of a change, as a direction of length 1 in whitened space and its length."""
-    column = stack([fitted.seen(k, change) for k, change in enumerate(changes_um)], prior_rows(len(changes_um)))
-    unit, length = beside(fitted.basis, column[:, None])
-    return unit[:, 0], float(length[0])
+    seen = fitted.rows.stack([fitted.seen(k, change) for k, change in enumerate(changes_um)])
+    column = fitted.beside(seen)
+    length = float(np.linalg.norm(column))
+    return (column / length, length) if length > LEAST * np.linalg.norm(seen) else (0 * column, 0.0)
 
 
 def by_program(known: Bare, effect: Effect) -> list[np.ndarray]:

@@ -3,64 +3,128 @@
 Run as ``python -m tests.bench.diagnosis RUN_DIR [--nulls 20 --singles 1 --raw-nulls 20 ...]``;
 `make bench-diagnose` does. Every case is printed on the virtual press, recorded, and diagnosed from the recordings
 alone; what was concealed is looked at afterwards. A case that has its JSON in RUN_DIR is not run again.
+
+With ``--program PATH`` another checkout answers the same cases, into a folder of its own in RUN_DIR, and the table
+shows both side by side.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
+import os
+import re
+import subprocess
+import sys
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dlwpredict.calibrate import prepare
-from dlwpredict.diagnose.content import content_of
-from dlwpredict.diagnose.run import diagnose
+from dlwpredict.diagnose.library.candidates import Candidate
+from dlwpredict.diagnose.library.signatures import Signatures
 from dlwpredict.effects import library
-from dlwpredict.parameters import ParameterSet, declarations
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.objective import Work
+from dlwpredict.parameters import declarations
+from tests.bench import quality
 from tests.bench.agreement import bare
-from tests.bench.cases import NEVER, OUTSIDE, SIDE_UM, SIDES, Case, alike, by_machine, in_terms_of, recorded
-from tests.prove.hidden import LOCAL, Hidden
+from tests.bench.cases import NEVER, OUTSIDE, Case, by_machine, recorded
+from tests.press.effect import registry
+from tests.prove.hidden import LIBRARY_FORM, Hidden
 from tests.prove.linear import LIMIT_Z
-from tests.prove.place import points_at
-from tests.prove.sealed import strength
+from tests.prove.sealed import Bare, strength
+
+ROOT = Path(__file__).parents[2]
+
+PAIRED = 1.5, 4.0
+"""Each effect of a pair is drawn between these multiples of its limit, uniform in the logarithm."""
+
+LONGER = " longer"
+"""Behind the name of an effect: by the press's longer physics, not in the library's form."""
 
 
-def limits(seed: int) -> dict[str, dict[str, float | str]]:
+def forms(name: str) -> dict[str, str]:
+    """Return the press's models of an effect: the library's form, and the longer physics; none where it has but one.
+
+    Examples
+    --------
+    >>> forms("galvo-lag"), forms("curl")
+    ({'library': 'time', 'longer': 'literal'}, {})
+    """
+    models = getattr(registry()[name], "models", ())
+    if not models:
+        return {}
+    literal = LIBRARY_FORM.get(name, "literal")
+    return {"library": literal, "longer": models[-1] if models[-1] != literal else models[0]}
+
+
+def limits(kept: Path, seed: int, processes: int) -> dict[str, dict[str, float | str]]:
     """Return the detection limit of every effect on the trio, as the proof takes it, by the switch that shows most.
 
-    Which switch that is, and where to begin, is what the program says beside a null of its own; the limit itself is
-    where the change that the press makes stands out of the noise once everything has been fitted anew. For physics
-    outside the library, whose strength is given: how far it stands out.
+    The limit is where the change that the press makes stands out of the noise once everything has been fitted anew;
+    effects that the press has by longer physics too have one for either. For physics outside the library, whose
+    strength is given: how far it stands out. What is on file is not computed again.
     """
-    known = bare(seed)
-    found = diagnose([prepare(a, b) for a, b in recorded(Case(seed=seed))], ParameterSet())
-    first: dict[str, tuple[float, Hidden]] = {}
-    for candidate, visible in zip(found.library.chosen, found.screen.visible, strict=True):
+    known = json.loads(kept.read_text()) if kept.exists() else {}
+    wanted = [name for name in library() if name not in NEVER]
+    wanted += [*(name + LONGER for name in wanted if forms(name)), *OUTSIDE]
+    missing = [name for name in wanted if name not in known]
+    if missing:
+        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+            for name, limit in zip(missing, pool.map(partial(_limit, seed), missing), strict=True):
+                known[name] = limit
+                kept.write_text(json.dumps(known, indent=1))
+                print(f"limit of {name}: {limit}", flush=True)
+    return known
+
+
+def _limit(seed: int, name: str) -> dict[str, float | str]:
+    known = _bare(seed)
+    if name in OUTSIDE:
+        return {"z": known.shares({"name": name, **OUTSIDE[name]})["z"]}
+    own = name.removesuffix(LONGER)
+    candidate, visible = _most_visible(seed)[own]
+    probe = getattr(candidate.at(LIMIT_Z / max(visible, 1e-9)), candidate.switch)
+    models = forms(own)
+    settings = {"model": models["longer" if name.endswith(LONGER) else "library"]} if models else {}
+    ends = candidate.declaration.low, candidate.declaration.high
+    one = strength(Hidden(own, candidate.switch, candidate.off, probe, *ends, settings), 1.0, known)
+    where = {"switch": candidate.switch, "off": candidate.off, "low": ends[0], "high": ends[1]}
+    return where | settings | {key: one[key] for key in ("value", "z")}
+
+
+@cache
+def _bare(seed: int) -> Bare:
+    return bare(seed)
+
+
+@cache
+def _most_visible(seed: int) -> dict[str, tuple[Candidate, float]]:
+    """Return every effect's switch that shows most beside the seven, at its default shape, and the z of its size."""
+    fitted, first = _bare(seed).sight.fit, {}
+    around = Signatures.of(fitted, (), Work())
+    for candidate, maps in zip(around.chosen, around.maps_um, strict=True):
         default = type(candidate.effect)(**{candidate.switch: candidate.off})
         if any(getattr(candidate.effect, n) != getattr(default, n) for n in declarations(default)):
             continue
-        probe = getattr(candidate.at(LIMIT_Z / max(visible, 1e-9)), candidate.switch)
-        ends = candidate.declaration.low, candidate.declaration.high
-        if candidate.name not in first or visible > first[candidate.name][0]:
-            first[candidate.name] = visible, Hidden(candidate.name, candidate.switch, candidate.off, probe, *ends)
-    named = {
-        name: {"switch": hidden.switch, "off": hidden.off, "low": hidden.low, "high": hidden.high}
-        | {key: one[key] for key in ("value", "z")}
-        for name, (_, hidden) in first.items()
-        for one in [strength(hidden, 1.0, known)]
-    }
-    return named | {name: {"z": known.shares({"name": name, **rest})["z"]} for name, rest in OUTSIDE.items()}
+        seen = fitted.rows.stack([fitted.seen(k, change) for k, change in enumerate(maps)])
+        visible = float(np.linalg.norm(fitted.beside(seen)))
+        if candidate.name not in first or visible > first[candidate.name][1]:
+            first[candidate.name] = candidate, visible
+    return first
 
 
-def strong(name: str, limit: Mapping, times: float) -> dict:
-    """Return an effect at so many times its limit, inside its range."""
+def strong(name: str, known: Mapping, times: float, form: str = "library") -> dict:
+    """Return an effect at so many times its limit, inside its range, in one of the press's forms."""
+    limit = known[name + LONGER * (form == "longer" and name + LONGER in known)]
     value = limit["off"] + times * (limit["value"] - limit["off"])
-    return {"name": name, limit["switch"]: float(np.clip(value, limit["low"], limit["high"]))}
+    model = {"model": limit["model"]} if "model" in limit else {}
+    return {"name": name, limit["switch"]: float(np.clip(value, limit["low"], limit["high"])), **model}
 
 
 def case_of(*effects: Mapping, **settings) -> Case:
@@ -84,13 +148,23 @@ def cases(chosen: argparse.Namespace, known: Mapping) -> Iterable[tuple[str, Cas
         yield f"raw-null-{k:02d}", Case(**noise, seed=6000 + k, raw=True)
     for k in range(chosen.raw_singles):
         for j, name in enumerate(named):
-            yield f"raw-single-{name}-{k}", case_of(strong(name, known[name], 2), seed=2000 + 100 * k + j, raw=True)
+            yield f"raw-single-{name}-{k}", case_of(strong(name, known, 2), seed=2000 + 100 * k + j, raw=True)
     for k in range(chosen.singles):
         for j, name in enumerate(named):
-            yield f"single-{name}-{k}", case_of(strong(name, known[name], 2), seed=2000 + 100 * k + j)
+            if chosen.model in ("library", "both"):
+                yield f"single-{name}-{k}", case_of(strong(name, known, 2), seed=2000 + 100 * k + j)
+    for k in range(chosen.longer if chosen.model in ("longer", "both") else 0):
+        for j, name in enumerate(named):
+            if forms(name):
+                yield f"single-{name}-longer-{k}", case_of(strong(name, known, 2, "longer"), seed=2000 + 100 * k + j)
     for k in range(chosen.pairs):
-        two = rng.choice(named, 2, replace=False)
-        yield f"pair-{k:02d}", case_of(*(strong(name, known[name], 3) for name in two), seed=3000 + k)
+        own = np.random.default_rng([chosen.seed, 2, k])
+        two = [str(name) for name in own.choice(named, 2, replace=False)]
+        times = np.exp(own.uniform(*np.log(PAIRED), 2))
+        drawn = [str(own.choice(["library", "longer"])) for _ in two]
+        own_forms = drawn if chosen.model == "both" else [chosen.model] * 2
+        effects = [strong(name, known, t, f) for name, t, f in zip(two, times, own_forms, strict=True)]
+        yield f"pair-{k:02d}", case_of(*effects, seed=3000 + k)
     for k in range(chosen.outside):
         for j, (name, settings) in enumerate(OUTSIDE.items()):
             yield f"outside-{name}-{k}", case_of({"name": name, **settings}, seed=4000 + 100 * k + j)
@@ -99,119 +173,109 @@ def cases(chosen: argparse.Namespace, known: Mapping) -> Iterable[tuple[str, Cas
             for kinds in (("air",), ("cin", "air", "stairs", "posts")):
                 yield (
                     f"absorbed-{name}-{len(kinds)}-{k}",
-                    case_of(strong(name, known[name], 3), structures=kinds, seed=5000 + 100 * k + j),
+                    case_of(strong(name, known, 3), structures=kinds, seed=5000 + 100 * k + j),
                 )
 
 
-def run(job: tuple[str, Case, Path]) -> None:
-    """Diagnose one case and write what was said beside what was concealed."""
+def run(program: Path, job: tuple[str, Case, Path]) -> None:
+    """Have a program diagnose one case, and write what it said beside what was concealed."""
     name, case, path = job
-    started = time.perf_counter()
-    parts = [prepare(a, b, name=str(k)) for k, (a, b) in enumerate(recorded(case))]
-    made = time.perf_counter()
-    found = diagnose(parts, ParameterSet(), seed=case.seed)
-    content = content_of(found)
-    content["truth"] = [dict(e) for e in (*case.effects, *case.artefacts)]
-    content["explained"], content["seconds"] = found.explained, time.perf_counter() - made
-    path.write_text(json.dumps(content, indent=1, default=float), encoding="utf-8")
-    said = [" or ".join(f["effects"]) for f in content["findings"]]
-    truth = ", ".join(e["name"] for e in content["truth"]) or "nothing"
+    with TemporaryDirectory() as folder:
+        place = Path(folder, "case.npz")
+        keep(place, recorded(case), case.seed)
+        content = ask(program, place)
+    truth = [dict(e) for e in (*case.effects, *case.artefacts)]
+    content |= {"truth": truth, "forms": [form_of(e) for e in truth], "structures": len(case.structures)}
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1, default=float), encoding="utf-8")
+    part.rename(path)
+    found = [" or ".join(f["effects"]) for f in content["findings"]]
+    words = ", ".join(e["name"] for e in truth) or "nothing"
     print(
-        f"{name:36s} {truth:40s} -> {content['verdict']:11s} {'; '.join(said)}  "
-        f"[explained {found.explained:.2f}, rest p {content['remainder']['p_value']:.2g}, "
-        f"{made - started:.0f} + {content['seconds']:.0f} s]",
+        f"{name:36s} {words:40s} -> {content['verdict']:11s} {'; '.join(found)}  "
+        f"[explained {content['explained']:.2f}, rest p {content['remainder']['p_value']:.2g}, "
+        f"{content['work']:.0f} predictions, {content['cpu_s']:.0f} s of CPU]",
         flush=True,
     )
 
 
-def table(folder: Path, known: Mapping) -> None:
-    """Print the table of all cases that were run, truth opened."""
-    done = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json")) if path.stem != "limits"}
+def form_of(entry: Mapping) -> str:
+    """Return whether the press prints an effect in the library's form or by longer physics; of physics outside, none.
 
-    def of(kind: str) -> list[dict]:
-        return [content for name, content in done.items() if name.startswith(kind)]
+    Examples
+    --------
+    >>> form_of({"name": "galvo-lag"}), form_of({"name": "curl"}), form_of({"name": "particle"})
+    ('longer', 'library', 'outside')
+    """
+    if entry["name"] in OUTSIDE:
+        return "outside"
+    models = forms(entry["name"])
+    return "library" if not models or entry.get("model", "literal") == models["library"] else "longer"
 
-    def rate(label: str, hits: list[bool], wanted: str) -> None:
-        if hits:
-            print(f"{label:58s} {sum(hits):3d} of {len(hits):3d} = {np.mean(hits):6.1%}   wanted {wanted}")
 
-    nulls, singles = of("null"), of("single")
-    raw = of("raw-single")
-    rate("raw recordings, aligned: nulls: anything said", [c["verdict"] != "none" for c in of("raw-null")], "<= 5 %")
-    rate("  singles at twice the limit: found", [c["verdict"] != "none" for c in raw], "")
-    rate(
-        "  truth in a named class", [any(c["truth"][0]["name"] in f["effects"] for f in c["findings"]) for c in raw], ""
+def keep(place: Path, pairs: list[tuple[HeightMap, HeightMap]], seed: int) -> None:
+    """Write a case as any program can read it."""
+    arrays = {"pairs": len(pairs), "seed": seed}
+    for k, (target, measured) in enumerate(pairs):
+        arrays |= {f"target_{k}": target.heights_um, f"recording_{k}": measured.heights_um}
+        arrays |= {f"pitch_{k}": [target.dx_um, target.dy_um], f"reference_{k}": measured.height_reference}
+    np.savez(place, **arrays)
+
+
+def ask(program: Path, place: Path) -> dict:
+    """Return the answer of the program in a folder to a case."""
+    answer = place.with_suffix(".json")
+    command = [sys.executable, "-P", str(Path(__file__).with_name("answering.py")), str(place), str(answer)]
+    subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": str(program), "OPENBLAS_NUM_THREADS": "1"})
+    content = json.loads(answer.read_text())
+    if Path(content["program"]) != program:
+        raise RuntimeError(f"{program} was asked, but {content['program']} has answered")
+    return content
+
+
+def table(folders: Mapping[str, Path], known: Mapping, only: str = "") -> None:
+    """Print the table of all cases that every program has answered, truth opened."""
+    names = [{path.stem for path in folder.glob("*-*.json")} for folder in folders.values()]
+    common = sorted(name for name in set.intersection(*names) if re.search(only, name))
+    quality.show(
+        {
+            label: {name: json.loads((folder / f"{name}.json").read_text()) for name in common}
+            for label, folder in folders.items()
+        },
+        known,
     )
-    rate("nulls: anything said", [c["verdict"] != "none" for c in nulls], "<= 5 %")
-    heard = [c for c in singles if c["verdict"] != "none"]
-    rate("singles at twice the limit: found", [c["verdict"] != "none" for c in singles], ">= 95 %")
-    first = [(c["truth"][0]["name"], c["findings"][0]["effects"], c) for c in heard if c["findings"]]
-    rate("  truth in the named class", [truth in names for truth, names, _ in first], ">= 95 %")
-    rate("  first name in the truth's class of look-alikes", [alike(t, n[0]) for t, n, _ in first], "")
-    rate("  exact name where one is named", [[t] == n for t, n, _ in first if len(n) == 1], ">= 85 %")
-    wrong = [c["findings"][0]["side"] not in (SIDES[t], "undecided") for t, _, c in first]
-    rate("  wrong side", wrong, "<= 2 %")
-    both = [all(any(e["name"] in f["effects"] for f in c["findings"]) for e in c["truth"]) for c in of("pair")]
-    rate("pairs: both in the named classes", both, ">= 75 %")
-    outside = of("outside")
-    shown = [c["verdict"] == "unexplained" for c in outside if known[c["truth"][0]["name"]]["z"] >= 2 * LIMIT_Z]
-    rate("outside the library: unexplained", [c["verdict"] == "unexplained" for c in outside], "")
-    rate("  of those that stand as far out as twice a limit", shown, ">= 90 %")
-    spots = [(c["truth"][0], c["locations"]) for c in outside if c["truth"][0]["name"] in LOCAL]
-    rate("  local ones: place right", [points_at(spot, boxes, SIDE_UM) for spot, boxes in spots], ">= 90 %")
-    rate("  confidently misnamed", [c["verdict"] == "identified" for c in outside], "<= 5 %")
-    one = [c for name, c in done.items() if name.startswith("absorbed") and "-1-" in name]
-    four = [c for name, c in done.items() if name.startswith("absorbed") and "-4-" in name]
-    misnamed = [c["verdict"] == "identified" and c["findings"][0]["effects"] != [c["truth"][0]["name"]] for c in one]
-    rate("absorbed, one roughness map: wrong confident name", misnamed, "0")
-    rate(
-        "absorbed, four structures: named",
-        [any(c["truth"][0]["name"] in f["effects"] for f in c["findings"]) for c in four],
-        "all",
-    )
-    covered = list(_covered(singles))
-    rate("95 % intervals of strengths, exact names: cover the truth", covered, "90 to 98 %")
-    gaps = [
-        (c["baseline"]["holdout_rmse_um"] ** 2 - c["extended"]["holdout_rmse_um"] ** 2)
-        / max(c["baseline"]["holdout_rmse_um"] ** 2 - c["noise_um"] ** 2, 1e-12)
-        for t, n, c in first
-    ]
-    if gaps:
-        print(f"held-out gap baseline - noise closed (median of squares): {np.median(gaps):.2f}   wanted 0.80")
-    if done:
-        print(f"seconds per diagnosis, median: {np.median([c['seconds'] for c in done.values()]):.0f}")
-
-
-def _covered(singles: list[dict]) -> Iterable[bool]:
-    for c in singles:
-        truth = c["truth"][0]
-        for finding in c["findings"]:
-            found = in_terms_of(truth, finding["parameters"].get(truth["name"], {}))
-            for name, interval in found.items():
-                if name in truth:
-                    yield interval["low"] <= truth[name] <= interval["high"]
 
 
 def main() -> None:
     """Run what is missing, then print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    counts = {"nulls": 20, "singles": 1, "pairs": 8, "outside": 1, "absorbed": 1, "raw-nulls": 20, "raw-singles": 1}
-    for name, count in counts.items():
-        parser.add_argument(f"--{name}", type=int, default=count)
+    counts = {"nulls": 20, "singles": 1, "longer": 1, "pairs": 8, "outside": 1, "absorbed": 1, "raw-nulls": 20}
+    for name, count in (counts | {"raw-singles": 1}).items():
+        parser.add_argument(f"--{name}", type=int, default=count, metavar="N")
+    parser.add_argument("--model", choices=("library", "longer", "both"), default="both",
+                        help="the library's form, longer physics, or both apart (pairs: drawn)")  # fmt: skip
+    parser.add_argument("--only", default="", metavar="REGEX", help="cases by their names")
+    parser.add_argument("--program", type=Path, metavar="PATH", help="another checkout, asked the same cases")
+    parser.add_argument("--table", action="store_true", help="run nothing")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    kept = chosen.folder / "limits.json"
-    if not kept.exists():
-        kept.write_text(json.dumps(limits(chosen.seed), indent=1))
-    known = json.loads(kept.read_text())
-    jobs = [(name, case, chosen.folder / f"{name}.json") for name, case in cases(chosen, known)]
+    known = limits(chosen.folder / "limits.json", chosen.seed, chosen.processes)
+    program, folders = ROOT, {"here": chosen.folder}
+    if chosen.program:
+        program = chosen.program.resolve()
+        folders["beside"] = chosen.folder / f"beside-{program.name}"
+        folders["beside"].mkdir(exist_ok=True)
+    place = list(folders.values())[-1]
+    jobs = [(name, case, place / f"{name}.json") for name, case in cases(chosen, known)]
     np.random.default_rng(0).shuffle(jobs)  # an interrupted run has some of each kind
-    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
-        list(pool.map(run, [job for job in jobs if not job[2].exists()]))
-    table(chosen.folder, known)
+    jobs = [job for job in jobs if re.search(chosen.only, job[0]) and not job[2].exists()]
+    if not chosen.table:
+        with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
+            list(pool.map(partial(run, program), jobs))
+    table(folders, known, chosen.only)
 
 
 if __name__ == "__main__":
