@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from dlwpredict.diagnose.candidates import matters
 from dlwpredict.effects import library
+from dlwpredict.infer.model import matters
 from dlwpredict.parameters import declarations
 from tests.bench.cases import NEVER
 from tests.press.effect import registry

@@ -10,24 +10,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlwpredict.calibrate import prepare
-from dlwpredict.diagnose.baseline import discretisation_um
-from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
-from dlwpredict.diagnose.fit import Fit, bare, fit
-from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.free import Free, choose
+from dlwpredict.infer.objective import Fit, Objective
+from dlwpredict.infer.pixels import discretisation_um
+from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
-from dlwpredict.uneven import Uneven
 
 LIMIT_Z = 5.0
 """The detection limit: a change that stands this many standard deviations out of the noise after the seven parameters,
 levelling and registration have been fitted to it. About a hundred candidates at 2.5 % family-wise need 3.7; 1.28 more
 are found nine times in ten."""
 
-REFITS = 15
-"""Steps of a refit, at most."""
+REFITS, GAIN = 15, 0.05
+"""Steps of a refit, at most; it ends before where a step promises less than this in −2 ln L."""
 
 SMOOTHNESS = {"gaussian": (np.inf, np.sqrt(2)), "matern32": (1.5, 1.0), "exponential": (0.5, 1.0)}
 """The microscope's kinds of correlation in the program's words: smoothness, and factor on the length."""
@@ -45,10 +46,31 @@ def parameters_of(process: dict) -> ParameterSet:
     return ParameterSet(paper=Paper(**{name.replace("focus_", "exposure_"): value for name, value in process.items()}))
 
 
-def whitened(pairs: Sequence[tuple[HeightMap, HeightMap]], parameters: ParameterSet, noise: dict) -> list[Whitened]:
-    """Return recordings in whitened space, with the true noise."""
-    recordings = [bare(prepare(target, measured)) for target, measured in pairs]
-    return [Whitened.of(r, Uneven(noise_model(noise, r.target)), discretisation_um(r, parameters)) for r in recordings]
+def whitened(
+    pairs: Sequence[tuple[HeightMap, HeightMap]], parameters: ParameterSet, noise: dict
+) -> tuple[Whitened, ...]:
+    """Return recordings in whitened space, every nuisance free, with the true noise; pixels are those of a process."""
+    found = []
+    for target, measured in pairs:
+        recording = doubted(prepare(target, measured))
+        predicted = predict(target, parameters, as_measured=True).heights_um
+        item = Whitened.of(recording, Uneven(noise_model(noise, target)))
+        found.append(replace(item, discretisation_um=discretisation_um(recording, parameters, predicted)))
+    return tuple(found)
+
+
+def placed(data: Sequence[Whitened], free: Free, vector: np.ndarray, near: Fit | None = None) -> Fit:
+    """Predict recordings with given parameters: only nuisances are fitted, and there are derivatives."""
+    objective = Objective(tuple(data))
+    begun = replace(near, data=objective.data) if near else None
+    return objective.differentiated(objective.at(free, free.allowed(vector), begun))
+
+
+def fitted(
+    data: Sequence[Whitened], free: Free, vector: np.ndarray, near: Fit | None = None, steps: int = REFITS
+) -> Fit:
+    """Fit everything from a start."""
+    return descend(Objective(tuple(data)), placed(data, free, vector, near), steps=steps, gain=GAIN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +94,7 @@ class Sight:
         parameters = parameters_of(process)
         pairs = [(target, predict(target, parameters)) for target in targets]
         free = choose(parameters)
-        true = fit(whitened(pairs, parameters, noise), free, start=free.start, iterations=0)
+        true = placed(whitened(pairs, parameters, noise), free, free.start)
         return cls(true, _refitted(true, [0.0] * len(pairs)))
 
     def shares(self, changes: Sequence[np.ndarray]) -> dict[str, float]:
@@ -89,9 +111,9 @@ class Sight:
         """
         data = self.fit.data
         pairs = list(zip(data, changes, strict=True))
-        column = stack([item.white(change) for item, change in pairs], prior_rows(len(data)))
+        column = self.fit.rows.stack([item.white(change) for item, change in pairs])
         whole = float(column @ column) or 1e-30
-        levelled = _beside(self.fit.nuisances, column)
+        levelled = self.fit.nuisances.beside(column)
         left = max(_refitted(self.fit, changes) - self.rest, 0.0)
         on_part = np.concatenate([change[item.recording.target.heights_um > 0] for item, change in pairs])
         return {
@@ -112,11 +134,5 @@ def _refitted(true: Fit, changes: Sequence[np.ndarray]) -> float:
         measured = item.recording.measured
         changed = measured.with_heights(measured.heights_um + change)
         data.append(replace(item, recording=replace(item.recording, measured=changed)))
-    wide = true.point.vector * [2 if name.startswith("exposure_fwhm") else 1 for name in true.free.names]
-    starts = true.point.vector, true.free.allowed(wide)
-    return min(fit(data, true.free, start=start, known=true, iterations=REFITS).chi2 for start in starts)
-
-
-def _beside(basis: np.ndarray, column: np.ndarray) -> np.ndarray:
-    left = column - basis @ (basis.T @ column)
-    return left - basis @ (basis.T @ left)
+    wide = true.vector * [2 if name.startswith("exposure_fwhm") else 1 for name in true.free.names]
+    return min(fitted(data, true.free, start, true).cost for start in (true.vector, wide))
