@@ -34,6 +34,9 @@ GRAINS_PX = (0.0, 0.4, 0.5, 0.6, 0.7, 0.9, 1.2)
 49, 64 %. Read between its pixels by cubic convolution, they share 12 % where the recording is 0.9 times as coarse as
 the map, 35 % where it is 1.2 times, 69 % where it is twice."""
 
+WITHOUT_GAIN = 2
+"""Grains in a row without gain that end the search: the finest hardly differs from none, and its gain may be hidden."""
+
 CHANCE = 3.84
 """A grain is taken where −2 ln L of the points looked at falls by more: by chance in 5 % of cases."""
 
@@ -49,16 +52,16 @@ SPIKY = 0.005
 """Share of points lost beyond which kind and grain are chosen anew: chance takes a third of that, spikes made them."""
 
 NEAR_PX, FAR_PX = 2, (4, 8, 16)
-"""Neighbourhood of the estimate: with that of the whitener, it is no more accurate, and twice as slow."""
+"""Neighbourhood of the estimate: smaller than that of the whitener, since many models are looked at."""
 
 SEARCHED_POINTS, MOST_POINTS = 2500, 8000
 """Points whose conditional likelihood enters the search, and the estimate."""
 
 SHARES, LENGTHS_PX = (-1.5, 0.5, 2.5), (1.0, 2.0, 4.0, 8.0)
-"""Logits of the share and lengths where the search begins: half as far apart, it ends in the same places."""
+"""Logits of the share and lengths where the search begins: two of the first steps apart, so parabolas meet."""
 
 SHARES_WITHIN = (-5.0, 7.0)
-"""Of the logit of the share: beyond, one part is less than a thousandth of the variance, and nothing changes."""
+"""Of the logit of the share: beyond, one part is less than a hundredth of the variance, and hardly matters."""
 
 STEPS = np.array([[0.8, 0.35], [0.4, 0.2], [0.2, 0.1]])
 """Steps in the logit of the share and the logarithm of the length of the parabolas that lead to the maximum."""
@@ -210,7 +213,7 @@ def _most_likely(
 ) -> tuple[Noise, np.ndarray]:
     """Return the most likely model, over the kinds of correlation and the grains, and its place.
 
-    From grain to grain, every kind goes on from where it was; the end is where none is likelier than before.
+    From grain to grain, every kind goes on from where it was, until `WITHOUT_GAIN` have been no likelier.
     """
     templates = [replace(like, smoothness=kind, grain_um=grains_px[0] * like.pitch_um) for kind in kinds]
     lengths = np.minimum(np.log(like.pitch_um * np.array(LENGTHS_PX)), likelihood.bounds(like.pitch_um)[1, 1])
@@ -222,7 +225,7 @@ def _most_likely(
         templates = [replace(one, grain_um=grain * like.pitch_um) for one in templates]
         ends = _polished(likelihood, templates, [end[:2] for _, end in ends], STEPS[1:])
         tried.append(_lowest(ends, templates))
-        if tried[-1][0] >= tried[-2][0]:
+        if int(np.argmin([deviance for deviance, _, _ in tried])) < len(tried) - WITHOUT_GAIN:
             break
     leads = [CHANCE * likelihood.share if model.grain_um else 0.0 for _, _, model in tried]
     number = int(np.argmin([deviance + lead for (deviance, _, _), lead in zip(tried, leads, strict=True)]))

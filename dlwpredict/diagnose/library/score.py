@@ -168,9 +168,9 @@ class Thresholds:
 def thresholds(screen: Linearised, level: float, level_next: float, inflated: float, seed: int = 0) -> Thresholds:
     """Simulate the screen under noise alone.
 
-    Scores are drawn with the correlations of the columns. The first threshold is set so that neither one effect nor two
-    together, which may mask each other, pass more often than the level; the next one by what a second effect gains
-    beside the best first.
+    Scores are drawn with the correlations of the columns. Once an effect stands, the next one passes as often as its
+    level says where the others are noise. The first threshold is set so that neither one effect nor two together, which
+    may mask each other, pass more often than its level.
     """
     products = screen.products[screen.first :, screen.first :]
     seen = np.flatnonzero(screen.lengths > 0)
@@ -187,7 +187,7 @@ def thresholds(screen: Linearised, level: float, level_next: float, inflated: fl
     rho = products[i, j]
     apart = (names[i] != names[j]) & (1 / np.maximum(1 - rho**2, 1e-12) < inflated)
     double = _largest_pairs(scores, signs, i[apart], j[apart], rho[apart])
-    next_one = float(np.quantile(double - single, 1 - level_next))
+    next_one = float(np.quantile(single, 1 - level_next))
     excess = np.maximum(single, double - next_one)
     levels = np.array([0.5, 0.7, 0.8, 0.9, 0.95])
     each = special.chdtrc(1, np.quantile(single, levels))
