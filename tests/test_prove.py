@@ -135,7 +135,7 @@ def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(bare):
     grids = [item.recording.target for item in seen.fit.data]
     plane = seen.shares([0.01 * np.broadcast_to(grid.x_um, grid.shape) for grid in grids])
     assert plane["levelling"] > 0.999 and plane["z"] < 0.1
-    higher = seen.shares([0.02 * trace.heights_um for trace in seen.fit.point.traces])
+    higher = seen.shares([0.02 * trace.heights_um for trace in seen.fit.traces])
     assert higher["levelling"] + higher["calibration"] > 0.999 and higher["calibration"] > 0.05
 
 

@@ -11,18 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from dlwpredict.diagnose.around import Around
-from dlwpredict.diagnose.evidence import Whitened, prior_rows, stack
-from dlwpredict.diagnose.fit import Fit, fit, placed, valleys
-from dlwpredict.diagnose.freeform import smooth_forms
-from dlwpredict.diagnose.refit import freed
+from dlwpredict.diagnose.library.signatures import Signatures
+from dlwpredict.diagnose.structure.freeform import smooth_forms
 from dlwpredict.effects import library
-from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.model import freed
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import ParameterSet, declarations
-from dlwpredict.uneven import Uneven
-from tests.prove.linear import whitened
+from tests.prove.linear import fitted, whitened
 
 MOST_TERMS = 3
 """Stepwise BIC is stopped here, as the program is; it would go on."""
@@ -40,26 +40,25 @@ class Bench:
 
     Parameters
     ----------
-    data : list of Whitened
+    data : tuple of Whitened
     seven : Fit
         The seven parameters, fitted by maximum likelihood.
     """
 
-    data: list[Whitened]
+    data: tuple[Whitened, ...]
     seven: Fit
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[HeightMap, HeightMap]], start: ParameterSet, noise: dict) -> Bench:
         """Fit the seven from a start."""
-        data = whitened(pairs, start, noise)
-        free = choose(start)
-        return cls(data, valleys(data, free, [free.start])[0])
+        data, free = whitened(pairs, start, noise), choose(start)
+        return cls(data, fitted(data, free, free.start))
 
     def oracle(self, effects: Sequence[dict]) -> Fit:
         """Fit the effects that are there, in the library's form, from their true strengths."""
         known = tuple(library()[e["name"]](**_declared(e)) for e in effects)
-        parameters = replace(self.seven.parameters, effects=known)
-        return fit(self.data, freed(parameters, self.seven.free))
+        free = freed(replace(self.seven.parameters, effects=known), self.seven.free)
+        return fitted(self.data, free, free.start)
 
     def smooth(self) -> tuple[np.ndarray, float]:
         """Fit a smooth discrepancy to what the seven leave: forms in x, y, height and edge distance, one set for all.
@@ -71,29 +70,31 @@ class Bench:
         rmse_um : float
             On the recordings.
         """
-        forms = [smooth_forms(item.recording.target) for item in self.data]
-        white = stack([item.white(f) for item, f in zip(self.data, forms, strict=True)], prior_rows(len(self.data)))
-        beside = white - self.seven.nuisances @ (self.seven.nuisances.T @ white)
-        prior = np.eye(white.shape[1]) / DISCREPANCY_UM
+        data, rows = self.seven.data, self.seven.rows
+        forms = [smooth_forms(item.recording.target) for item in data]
+        beside = self.seven.nuisances.beside(rows.stack([i.white(f) for i, f in zip(data, forms, strict=True)]))
+        prior = np.eye(beside.shape[1]) / DISCREPANCY_UM
         goal = np.concatenate([self.seven.residual, np.zeros(len(prior))])
         weights = np.linalg.lstsq(np.concatenate([beside, prior]), goal, rcond=None)[0]
-        moved = [_minus(item, np.tensordot(weights, f, axes=1)) for item, f in zip(self.data, forms, strict=True)]
-        return weights, placed(moved, self.seven.free, self.seven.point.vector).rmse_um()
+        moved = tuple(_minus(item, np.tensordot(weights, f, axes=1)) for item, f in zip(data, forms, strict=True))
+        return weights, Objective(moved).at(self.seven.free, self.seven.vector).rmse_um()
 
     def stepwise(self) -> tuple[list[str], Fit]:
         """Add effects while BIC falls, every pixel counted as independent; return their names and the fit with them."""
-        data, seven = self.data, self.seven
-        around = Around.of(seven)
+        seven, data = self.seven, self.seven.data
+        around = Signatures.of(seven, (), Work())
         used = [item.recording.used for item in data]
         columns = np.stack([np.concatenate([m[u] for m, u in zip(maps, used, strict=True)])
-                            for maps in around.signatures_um], axis=1)  # fmt: skip
+                            for maps in around.maps_um], axis=1)  # fmt: skip
         residual = np.concatenate([seven.residual_um(k)[u] for k, u in enumerate(used)])
         base = _plain_basis(seven, used)
         chosen, names = _forward(around.chosen, columns, residual, base)
         effects = tuple(around.chosen[k].at(share) for k, share in chosen)
         parameters = replace(seven.parameters, effects=effects)
-        white = [_independent(item, float(residual.std())) for item in data]
-        return names, fit(white, freed(parameters, seven.free), iterations=STEPS) if effects else seven
+        if not effects:
+            return names, seven
+        white, free = [_independent(item, float(residual.std())) for item in data], freed(parameters, seven.free)
+        return names, fitted(white, free, free.start, steps=STEPS)
 
 
 def unseen_um(parameters: ParameterSet, target: HeightMap, clean: HeightMap, noise: dict) -> float:
@@ -102,7 +103,7 @@ def unseen_um(parameters: ParameterSet, target: HeightMap, clean: HeightMap, noi
     Its levelling and registration are found as for any recording.
     """
     free = choose(parameters)
-    return placed(whitened([(target, clean)], parameters, noise), free, free.start).rmse_um()
+    return Objective(whitened([(target, clean)], parameters, noise)).at(free, free.start).rmse_um()
 
 
 def unseen_smooth_um(weights: np.ndarray, seven: Fit, target: HeightMap, clean: HeightMap, noise: dict) -> float:
@@ -128,17 +129,15 @@ def _independent(item: Whitened, sigma_um: float) -> Whitened:
     """Return a recording whose pixels pass for independent."""
     grid = item.recording.target
     noise = Noise(sigma_um, 1e-3 * sigma_um, grid.dx_um, grid.dx_um, grid.dy_um)
-    return Whitened.of(item.recording, Uneven(noise), item.discretisation_um)
+    return replace(Whitened.of(item.recording, Uneven(noise)), discretisation_um=item.discretisation_um)
 
 
 def _plain_basis(seven: Fit, used: Sequence[np.ndarray]) -> np.ndarray:
     """Return an orthonormal basis of what the fit may move, in µm, shape (points, columns)."""
-    first, blocks, nuisances = 0, [], []
+    blocks, nuisances = [], []
     for k, (item, mask) in enumerate(zip(seven.data, used, strict=True)):
-        rows = slice(first, first + int(mask.sum()))
-        blocks.append(item.whitener.solve(seven.jacobian[rows]))
-        nuisances.append(item.nuisance_maps(seven.point.traces[k].heights_um)[:, mask].T)
-        first = rows.stop
+        blocks.append(item.whitener.solve(seven.jacobian[seven.rows.of(k)]))
+        nuisances.append(item.nuisance_maps(seven.traces[k].heights_um)[:, mask].T)
     columns = np.column_stack([np.concatenate(blocks), sparse.block_diag(nuisances).toarray()])
     left, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12), full_matrices=False)
     return left[:, sizes > 1e-8]
