@@ -13,7 +13,7 @@ import scipy.fft
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
-from dlwpredict.noise import Noise
+from dlwpredict.noise.covariance import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict
