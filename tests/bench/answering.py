@@ -35,6 +35,7 @@ def answer(pairs: list[tuple[HeightMap, HeightMap]], seed: int) -> dict[str, Any
     """Return what the program has to say, the predictions and the seconds that it took."""
     if not Path(dlwpredict.__file__).with_name("infer").is_dir():  # an editable install finds its modules anyway
         return _by_old(pairs, seed)
+    from dlwpredict.diagnose.answer.content import content_of
     from dlwpredict.diagnose.run import diagnose
     from dlwpredict.infer.objective import Work
     from dlwpredict.infer.recording import prepare
@@ -43,44 +44,8 @@ def answer(pairs: list[tuple[HeightMap, HeightMap]], seed: int) -> dict[str, Any
     wall, cpu = time.perf_counter(), time.process_time()
     found = diagnose(parts, ParameterSet(), seed=seed, work=work)
     spent = {"cpu_s": time.process_time() - cpu, "seconds": time.perf_counter() - wall, "work": work.predictions}
-    return said(found) | spent
-
-
-def said(found: Any) -> dict[str, Any]:
-    """Return what of a diagnosis is judged here."""
-    from dlwpredict.diagnose.answer.classes import strengths
-    from dlwpredict.effects import library
-
-    def model(one: Any) -> dict[str, Any]:
-        return {"rmse_um": one.fit.rmse_um(), "holdout_rmse_um": found.held_out_um(one.fit)}
-
-    def finding(item: Any) -> dict[str, Any]:
-        sides = {library()[name].side for name in item.names}
-        return {
-            "effects": item.names,
-            "side": sides.pop() if len(sides) == 1 else "undecided",
-            "parameters": {
-                member.effect.name: strengths(member.effect, found.intervals(member.fit).as_dict())
-                for member in item.members
-            },
-            "p_value": item.p_value,
-            "gain": item.gain,
-            "probability": item.probability,
-            "alternatives": [
-                {"name": m.effect.name, "loss": m.loss, "probability": m.probability} for m in item.members
-            ],
-        }
-
-    return {
-        "verdict": found.verdict,
-        "findings": [finding(item) for item in found.named],
-        "locations": [{"pair": p.pair, "where": p.where, "x_um": p.x_um, "y_um": p.y_um} for p in found.places],
-        "noise_um": float(np.sqrt(np.mean([n.model.sigma_um**2 for n in found.noises]))),
-        "baseline": model(found.baseline),
-        "extended": model(found.extended),
-        "remainder": {"p_value": found.extended.p_value},
-        "explained": found.explained,
-    }
+    said = content_of(found) | {"explained": found.explained}
+    return said | spent | {"all_cpu_s": time.process_time() - cpu, "all_work": work.predictions}
 
 
 def _by_old(pairs: list[tuple[HeightMap, HeightMap]], seed: int) -> dict[str, Any]:

@@ -183,7 +183,11 @@ def run(program: Path, job: tuple[str, Case, Path]) -> None:
     with TemporaryDirectory() as folder:
         place = Path(folder, "case.npz")
         keep(place, recorded(case), case.seed)
-        content = ask(program, place)
+        try:
+            content = ask(program, place)
+        except subprocess.CalledProcessError as error:
+            print(f"{name:36s} FAILED, and is to be run again: {error}", flush=True)
+            return
     truth = [dict(e) for e in (*case.effects, *case.artefacts)]
     content |= {"truth": truth, "forms": [form_of(e) for e in truth], "structures": len(case.structures)}
     part = path.with_suffix(".part")
