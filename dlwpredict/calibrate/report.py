@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from dlwpredict.calibrate.problem import Point
-from dlwpredict.calibrate.recordings import Recording
 from dlwpredict.calibrate.run import Calibration
-from dlwpredict.flat import fittable
+from dlwpredict.calibrate.words import nuisances_um
+from dlwpredict.infer.free import fittable
+from dlwpredict.infer.objective import Fit
 
 FORMAT = "dlwpredict-calibration/1"
 
@@ -19,9 +19,9 @@ def report_of(found: Calibration) -> dict[str, Any]:
     holdout = found.holdout
     return {
         "format": FORMAT,
-        "rmse_um": {"before": _short(found.start.rmse_um), "after": _short(found.point.rmse_um)},
+        "rmse_um": {side: _short(fit.rmse_um()) for side, fit in _sides(found)},
         "holdout": {
-            "rmse_um": _short(holdout.rmse_um),
+            "rmse_um": _short(holdout.rmse_um) if holdout.folds else None,
             "folds": holdout.folds,
             "block_um": [_short(side) for side in holdout.block_um],
             "buffer_um": _short(holdout.buffer_um),
@@ -29,62 +29,61 @@ def report_of(found: Calibration) -> dict[str, Any]:
         "parameters": {name: _parameter(found, k) for k, name in enumerate(found.free.names)},
         "correlation": {
             name: {other: round(float(value), 4) for other, value in zip(found.free.names, row, strict=True)}
-            for name, row in zip(found.free.names, found.information.correlation, strict=True)
+            for name, row in zip(found.free.names, found.correlation, strict=True)
         },
         "open_directions": [{name: _short(v) for name, v in d.items()} for d in found.directions],
-        "noise_from": found.noises[0].noise_from,
+        "noise_from": ", ".join(sorted({noise.source for noise in found.noises})),
         "recordings": [_recording(found, k) for k in range(len(found.noises))],
         "work": {name: round(value, 3) for name, value in found.work.items()},
         "warnings": found.warnings,
     }
 
 
-def correlation(recording: Recording, point: Point, k: int) -> float:
-    """Return CC (MATLAB's corr2) of recording and prediction over the points that count, nuisances removed."""
-    predicted = point.traces[k].heights_um[recording.used]
-    return float(np.corrcoef(predicted, predicted + point.residuals[k])[0, 1])
+def correlation(fit: Fit, k: int) -> float:
+    """Return CC (MATLAB's corr2) of recording k and prediction over the points that count, nuisances removed."""
+    used = fit.data[k].recording.used
+    predicted = fit.traces[k].heights_um[used]
+    return float(np.corrcoef(predicted, predicted + fit.residual_um(k)[used])[0, 1])
 
 
 def _parameter(found: Calibration, k: int) -> dict[str, Any]:
-    name = found.free.names[k]
-    low, high = found.intervals[k]
+    name, free = found.free.names[k], found.free
+    low, high = found.intervals.ends[k]
     return {
-        "value": _short(found.point.vector[k]),
+        "value": _short(found.end.vector[k]),
         "low": _short(low),
         "high": _short(high),
-        "standard_error": _short(found.information.standard_errors[k]),
-        "interval_from": "profile" if name in found.profiled else "linear",
+        "standard_error": _short(min(found.intervals.sd[k], free.high[k] - free.low[k])),
+        "interval_from": "profile" if name in found.intervals.profiled else "linear",
         "identified": found.identified[name],
-        "unit": fittable(found.free.base)[name].unit,
+        "unit": fittable(free.base)[name].unit,
     }
 
 
 def _recording(found: Calibration, k: int) -> dict[str, Any]:
-    recording, noise = found.problem.recordings[k], found.noises[k]
-    nuisances = zip(recording.column_names, found.point.nuisances[k], strict=True)
+    recording, noise = found.recordings[k], found.noises[k].model
     return {
         "name": recording.name,
         "points": recording.points,
         "height_reference": recording.measured.height_reference,
-        "rmse_um": {side: _short(_rms(point.residuals[k])) for side, point in _sides(found)},
-        "cc": {side: _short(correlation(recording, point, k)) for side, point in _sides(found)},
-        "nuisances_um": {name: _short(value) for name, value in nuisances},
+        "rmse_um": {side: _short(np.sqrt(np.nanmean(fit.residual_um(k) ** 2))) for side, fit in _sides(found)},
+        "cc": {side: _short(correlation(fit, k)) for side, fit in _sides(found)},
+        "nuisances_um": {name: _short(value) for name, value in nuisances_um(found.end, k).items()},
         "noise_um": {
-            "white": _short(noise.white_um),
-            "correlated": _short(noise.correlated_um),
-            "length": _short(noise.length_um),
-            "smoothness": noise.smoothness,
+            "white": _short(noise.even.white_um),
+            "correlated": _short(noise.even.correlated_um),
+            "length": _short(noise.even.length_um),
+            "smoothness": noise.even.smoothness,
+            "jitter": _short(noise.jitter_um),
+            "rows": _short(noise.row_um),
+            "columns": _short(noise.column_um),
         },
-        "effective_points": round(noise.effective_points(recording.used)),
+        "effective_points": round(noise.even.effective_points(recording.used)),
     }
 
 
-def _sides(found: Calibration) -> tuple[tuple[str, Point], ...]:
-    return ("before", found.start), ("after", found.point)
-
-
-def _rms(residual: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(residual**2)))
+def _sides(found: Calibration) -> tuple[tuple[str, Fit], ...]:
+    return ("before", found.start), ("after", found.end)
 
 
 def _short(value: float) -> float:

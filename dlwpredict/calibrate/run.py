@@ -8,20 +8,62 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dlwpredict.calibrate.descend import descend
-from dlwpredict.calibrate.fast import GAIN, fast
-from dlwpredict.calibrate.holdout import Holdout, hold_out
-from dlwpredict.calibrate.intervals import Information, inform, linear_interval, noises_of, open_directions
-from dlwpredict.calibrate.problem import Point, Problem
-from dlwpredict.calibrate.profile import profile_intervals
-from dlwpredict.calibrate.recordings import Recording, check_points
 from dlwpredict.calibrate.simplex import simplex
-from dlwpredict.calibrate.words import WEAK_SHARE, identified, warnings_of
-from dlwpredict.flat import Free
-from dlwpredict.noise import Noise
+from dlwpredict.calibrate.words import identified, warnings_of
+from dlwpredict.infer import held_out
+from dlwpredict.infer.baseline import derivatives_um, fitter_of, rewhitened, rough
+from dlwpredict.infer.fitter import Start
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.intervals import NORMAL, Intervals, curved, intervals
+from dlwpredict.infer.noises import noises, plane
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.priors import LATERAL, PARAMETERS
+from dlwpredict.infer.recording import Recording, check_points
+from dlwpredict.infer.whitened import steepness
+from dlwpredict.noise.estimate import NoiseEstimate
 from dlwpredict.parameters import ParameterSet
 
 Method = Literal["simplex", "fast"]
+
+BLOCKS_A_SIDE = 2
+"""Every map is cut at least so often along each side, small or not, to be predicted block by block."""
+
+OPEN_SHARE = 0.1
+"""A direction is open where its 95 % interval is longer than this share of the bounds either way."""
+
+OPEN_WIDTHS = 1e3
+"""Standard deviation, in widths of the bounds, of what nothing tells: as good as infinite."""
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Error on blocks that were left out.
+
+    Parameters
+    ----------
+    rmse_um : float
+        Over all blocks, µm; NaN where too few points are left for two.
+    folds : int
+    block_um : tuple of float
+        Side of the blocks of each recording, µm.
+    buffer_um : float
+        Points this near to a left-out block were left out of the fit too, µm.
+    """
+
+    rmse_um: float
+    folds: int
+    block_um: tuple[float, ...]
+    buffer_um: float
+
+    @classmethod
+    def of(cls, fitted: Fit) -> Holdout:
+        """Leave out every block in turn."""
+        found, counts = held_out.blocks(fitted, BLOCKS_A_SIDE), held_out.cuts(fitted, BLOCKS_A_SIDE)
+        sizes = [item.recording.target.size_um for item in fitted.data]
+        sides = tuple(float(min(np.divide(size, count))) for size, count in zip(sizes, counts, strict=True))
+        rmse_um, folds = (found.rmse_um, len(found.points)) if found else (np.nan, 0)
+        return cls(rmse_um, folds, sides, held_out.BUFFER_UM)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,37 +74,35 @@ class Calibration:
     ----------
     free : Free
         What was fitted, from where, within which bounds.
-    problem : Problem
-        The recordings, with the loss at the end.
-    start, point : Point
-        Before and after.
-    jacobian : tuple of numpy.ndarray, shape (points, parameters)
-        At the end, nuisances projected out.
-    information : Information
-    noises : list of Noise
+    recordings : tuple of Recording
+        Without spikes, where these were left out.
+    noises : tuple of NoiseEstimate
         One per recording.
-    intervals : numpy.ndarray, shape (parameters, 2)
+    start, end : Fit
+        Before and after, both beside these noises.
+    intervals : Intervals
         95 %.
-    profiled : tuple of str
-        Parameters whose interval is from the likelihood profile; the others' are linear.
+    correlation : numpy.ndarray, shape (parameters, parameters)
+        Of the estimates.
     directions : list of dict
-        What the data leave open.
+        What is left open.
+    identified : dict
+        Whether the data determine each parameter.
     holdout : Holdout
     warnings : list of str
     work : dict
-        Predictions of all recordings at full resolution, spent on the fit and on everything.
+        Predictions of all recordings, spent on the fit and on everything.
     """
 
     free: Free
-    problem: Problem
-    start: Point
-    point: Point
-    jacobian: tuple[np.ndarray, ...]
-    information: Information
-    noises: list[Noise]
-    intervals: np.ndarray
-    profiled: tuple[str, ...]
+    recordings: tuple[Recording, ...]
+    noises: tuple[NoiseEstimate, ...]
+    start: Fit
+    end: Fit
+    intervals: Intervals
+    correlation: np.ndarray
     directions: list[dict[str, float]]
+    identified: dict[str, bool]
     holdout: Holdout
     warnings: list[str]
     work: dict[str, float]
@@ -70,18 +110,13 @@ class Calibration:
     @property
     def parameters(self) -> ParameterSet:
         """The calibrated process, with bounds and intervals."""
-        found = self.free.parameters([_rounded(v) for v in self.point.vector])
+        found, names = self.free.parameters([_rounded(v) for v in self.end.vector]), self.free.names
+        bounds = zip(self.free.low, self.free.high, strict=True)
         return replace(
             found,
-            bounds=found.bounds | _ranges(self.free.names, np.stack([self.free.low, self.free.high], axis=1)),
-            intervals=found.intervals | _ranges(self.free.names, self.intervals),
+            bounds=found.bounds | _ranges(dict(zip(names, bounds, strict=True))),
+            intervals=found.intervals | _ranges(self.intervals.as_dict()),
         )
-
-    @property
-    def identified(self) -> dict[str, bool]:
-        """Whether the data determine each parameter."""
-        known = identified(self.free, self.point.vector, self.intervals)
-        return dict(zip(self.free.names, known.tolist(), strict=True))
 
 
 def calibrate(
@@ -91,11 +126,15 @@ def calibrate(
     method: Method = "fast",
     robust: bool = True,
     free_shift: bool = True,
+    priors: bool = True,
     profile: bool | None = None,
     seed: int = 0,
-    watch: Callable[[Point], None] | None = None,
+    watch: Callable[[Fit], None] | None = None,
+    work: Work | None = None,
 ) -> Calibration:
     """Fit one parameter set to all recordings.
+
+    A fit as if noise were white; noise and model error from what it leaves; then the likelihood, with priors.
 
     Parameters
     ----------
@@ -104,18 +143,22 @@ def calibrate(
     free : Free
         From `choose`.
     method : {"fast", "simplex"}
-        Bounded least squares, or the paper's Downhill Simplex.
+        By the likelihood, or the paper's: lowest root mean square error by Downhill Simplex, without priors.
     robust : bool
-        Huber's loss against spikes, its scale from the residuals; else squares.
+        Leave out spikes.
     free_shift : bool
-        Let each recording be shifted laterally, to first order: what registration leaves must not bend the parameters.
+        Let each recording lie a little off, turned and stretched, as an alignment may leave it: that must not bend
+        the parameters.
+    priors : bool
+        Use what is known of parameters beforehand.
     profile : bool, optional
-        Take intervals from the likelihood profile for the parameters that are weakly known or at a bound; None does so
-        for the worst one (which widens the others' as it goes).
+        Take intervals from the likelihood profile wherever a straight line will not do; None does so for the worst one.
     seed : int
-        Of the further starts and of the drawn noise.
-    watch : function of Point, optional
-        Called with every point at full resolution.
+        Of the drawn noise.
+    watch : function of Fit, optional
+        Shown every place that is looked at, on the recordings' own pixels, until the fit has ended.
+    work : Work, optional
+        Counts the predictions.
 
     Raises
     ------
@@ -123,66 +166,97 @@ def calibrate(
         Too few points.
     """
     check_points(recordings)
-    problem = Problem(tuple(recordings), free, watch=watch)
-    start = problem.at(free.start)
-    problem, point = _fitted(problem, start, method, robust, free_shift, seed)
-    fit_work = problem.work
-    jacobian = problem.jacobian(point)
-    found = noises_of(problem.recordings, point)
-    information, noises = inform(problem.recordings, free, point, jacobian, found, seed=seed)
-    intervals = linear_interval(free, point.vector, information)
-    profiled = _to_profile(free, point.vector, intervals, profile)
-    intervals = profile_intervals(problem, point, jacobian, information, noises, chosen=profiled, linear=intervals)
-    directions = open_directions(free, information)
+    if not free_shift:
+        recordings = [replace(r, nuisances=tuple(n for n in r.nuisances if n not in LATERAL)) for r in recordings]
+    known, work = PARAMETERS if priors and method == "fast" else {}, work or Work()
+    work.seen = watch or work.seen
+    if method == "simplex":
+        recordings, first = simplex(recordings, free, work, spikes=robust)
+    else:
+        recordings, first = rough(recordings, free, known, work, spikes=robust)
+    slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
+    noise = noises(recordings, first.residuals_um(), _absorbed(first), slopes=slopes, seed=seed)
+    models = [one.model for one in noise]
+    fitter = fitter_of(recordings, models, slopes, first, Objective(first.data, known, work))
+    objective = fitter.objective
+    start, end = objective.at(free, free.start), rewhitened(first, objective)
+    if method == "fast":
+        end = fitter.best(Start(min(start, end, key=lambda fit: fit.cost).parameters, end))
+    spent, later = work.predictions, Work()
+    null = Null.of(end.data, objective.rows, noise, seed)
+    found = _intervals(end, null, replace(objective, work=later), profile)
+    correlation = _correlation(end)
+    directions = _open_directions(free, found.sd, correlation)
+    determined = identified(free, end.vector, found, known)
     return Calibration(
         free,
-        problem,
-        problem.compared(start.vector, start.traces),
-        point,
-        jacobian,
-        information,
-        noises,
-        intervals,
-        tuple(free.names[k] for k in profiled),
+        tuple(recordings),
+        tuple(noise),
+        start,
+        end,
+        found,
+        correlation,
         directions,
-        hold_out(problem.recordings, free, point, jacobian, noises),
-        warnings_of(free, problem.recordings, point, intervals, directions),
-        {"fit": fit_work, "all": problem.work},
+        dict(zip(free.names, determined.tolist(), strict=True)),
+        Holdout.of(end),
+        warnings_of(end, found, determined, directions),
+        {"fit": spent, "all": spent + later.predictions},
     )
 
 
-def _fitted(
-    problem: Problem, start: Point, method: Method, robust: bool, free_shift: bool, seed: int
-) -> tuple[Problem, Point]:
-    """Fit; then once more from there, with the loss scaled by what was left and the shifts freed about it.
+def _absorbed(first: Fit) -> list[np.ndarray]:
+    """Return what a fit takes from each recording's residual, shape (columns, rows, cols); all else is noise.
 
-    The second loss is not the first: where the start costs less in it, the start it is.
+    What the model has wrong is noise of a long correlation.
     """
-    problem = problem.with_loss_scaled(start, robust=robust)
-    point = problem.compared(start.vector, start.traces)
-    point = simplex(problem, point) if method == "simplex" else fast(problem, point, seed=seed)
-    if robust or free_shift:
-        problem = problem.with_loss_scaled(point, robust=robust)
-        if free_shift:
-            problem = problem.with_free_shift(point)
-        point = problem.compared(point.vector, point.traces)
-        point = simplex(problem, point) if method == "simplex" else descend(problem, point, gain=GAIN, iterations=40)
-    return problem, min(point, problem.compared(start.vector, start.traces), key=lambda place: place.cost)
+    designs = []
+    for item, one, derivatives in zip(first.data, first.traces, derivatives_um(first), strict=True):
+        own = item.nuisance_maps(one.heights_um)
+        designs.append(np.concatenate([plane(item.recording.target), derivatives, own]))
+    return designs
 
 
-def _to_profile(free: Free, vector: np.ndarray, intervals: np.ndarray, profile: bool | None) -> list[int]:
-    """Return the parameters whose linear interval cannot be trusted, the worst first."""
+def _intervals(end: Fit, null: Null, objective: Objective, profile: bool | None) -> Intervals:
+    """Return the intervals, those of the parameters that need it, or of the worst of them, from the profile."""
+    straight = intervals(end, null)
     if profile is False:
-        return []
-    reach = np.abs(intervals - vector[:, None]).max(axis=1) / np.maximum(np.abs(vector), 1e-9)
-    edge = 1e-3 * (free.high - free.low)
-    reach[(vector - free.low < edge) | (free.high - vector < edge)] = np.inf
-    worst = [int(k) for k in np.argsort(-reach, kind="stable") if reach[k] > WEAK_SHARE]
-    return worst if profile else worst[:1]
+        return straight
+    worst = sorted(curved(end, straight.sd), key=lambda k: -straight.sd[k] / max(abs(end.vector[k]), 1e-9))
+    return intervals(end, null, objective, [end.free.names[k] for k in (worst if profile else worst[:1])])
 
 
-def _ranges(names: Sequence[str], ranges: np.ndarray) -> dict[str, tuple[float, float]]:
-    return {name: (_rounded(low), _rounded(high)) for name, (low, high) in zip(names, ranges, strict=True)}
+def _correlation(end: Fit) -> np.ndarray:
+    """Return how the estimates go together; one that nothing tells goes with no other."""
+    products = end.estimators.T @ end.estimators
+    lengths = np.sqrt(np.diag(products))
+    scale = np.where(lengths > 0, lengths, 1)
+    return np.where(np.eye(len(lengths), dtype=bool), 1.0, products / np.outer(scale, scale))
+
+
+def _open_directions(free: Free, sd: np.ndarray, correlation: np.ndarray) -> list[dict[str, float]]:
+    """Return the directions that are left open, the widest first.
+
+    Each is a change of parameters, name to µm or 1, one 95 % reach long; parameters that take little part are left
+    out. They are the eigenvectors of the covariance in units of the bounds, which stand in it as a wide prior.
+    """
+    width = free.high - free.low
+    spread = np.minimum(sd / width, OPEN_WIDTHS)
+    covariance = correlation * np.outer(spread, spread)
+    values, vectors = np.linalg.eigh(covariance)
+    values = values / (1 + np.maximum(values, 0))
+    found = []
+    for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
+        reach = NORMAL * np.sqrt(max(value, 0))
+        if reach < OPEN_SHARE:
+            break
+        sign = np.sign(vector[np.argmax(np.abs(vector))])
+        part = np.abs(vector) > 0.15 * np.abs(vector).max()
+        found.append({free.names[k]: float(sign * vector[k] * reach * width[k]) for k in np.flatnonzero(part)})
+    return found
+
+
+def _ranges(ranges: dict[str, tuple[Any, Any]]) -> dict[str, tuple[float, float]]:
+    return {name: (_rounded(low), _rounded(high)) for name, (low, high) in ranges.items()}
 
 
 def _rounded(value: Any) -> float:

@@ -1,60 +1,101 @@
-"""The paper's way down: the simplex of Nelder and Mead, with bounds and restarts."""
+"""The paper's way down: the simplex of Nelder and Mead on the root mean square error, with bounds and restarts."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from dlwpredict.calibrate.problem import Point, Problem
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.noises import white
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.priors import LEVELLING, SHIFTS
+from dlwpredict.infer.recording import Recording, without_spikes
+from dlwpredict.infer.whitened import Whitened
+
+QUIET_UM = 1e-3
+"""White noise so weak that priors of nuisances have no say: they are fitted by plain least squares."""
 
 TOLERANCE = 1e-4
-"""A run ends when all corners agree to this in rmse (µm) and in every parameter (units of its start value, or of its
-range where that is larger): the defaults of MATLAB's fminsearch, since the paper states no rule."""
+"""A run ends when all corners agree to this in rmse (µm) and in every parameter (units of its start value, or of a
+hundredth of its range where that is larger): the defaults of MATLAB's fminsearch, since the paper states no rule."""
 
 EVALUATIONS_PER_PARAMETER = 200
 """Most predictions per run and parameter, as in fminsearch."""
 
 MOST_RUNS = 4
-"""Runs from the best point so far; the next one starts only if the last one gained more than `TOLERANCE` in rmse."""
+"""Runs from the best place so far; the next one starts only if the last one gained more than `TOLERANCE` in rmse."""
 
 
-def simplex(problem: Problem, start: Point) -> Point:
-    """Minimise the loss by the Downhill Simplex from a start; restart it until nothing is gained any more."""
-    best = start
+def simplex(
+    recordings: Sequence[Recording], free: Free, work: Work, *, spikes: bool = True
+) -> tuple[tuple[Recording, ...], Fit]:
+    """Minimise the root mean square error; offset, tilt and shift, where they are free, are fitted at every place.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    free : Free
+    work : Work
+    spikes : bool
+        Leave out lone points that stand out of the residual, and fit again.
+
+    Returns
+    -------
+    tuple of Recording
+        Without their spikes.
+    Fit
+        With derivatives.
+    """
+    objective = _plain(recordings, work)
+    best = _restarted(objective, objective.at(free, free.start))
+    if spikes:
+        recordings = [without_spikes(r, left) for r, left in zip(recordings, best.residuals_um(), strict=True)]
+        objective = _plain(recordings, work)
+        best = _restarted(objective, objective.at(free, best.vector))
+    return tuple(recordings), objective.differentiated(best)
+
+
+def _plain(recordings: Sequence[Recording], work: Work) -> Objective:
+    """Return the sum of squares of the residual, in units of `QUIET_UM`²."""
+    few = [replace(r, nuisances=tuple(n for n in r.nuisances if n in (*LEVELLING, *SHIFTS))) for r in recordings]
+    return Objective(tuple(Whitened.of(r, white(r, QUIET_UM)) for r in few), {}, work)
+
+
+def _restarted(objective: Objective, best: Fit) -> Fit:
     for _ in range(MOST_RUNS):
-        before, best = best, _run(problem, best)
-        if _rms(problem, before) - _rms(problem, best) < TOLERANCE:
+        before, best = best, _run(objective, best)
+        if _rmse_um(before) - _rmse_um(best) < TOLERANCE:
             break
     return best
 
 
-def _run(problem: Problem, start: Point) -> Point:
-    """Return the best point of one run; corners lie 5 % off the start, inside the bounds."""
-    free = problem.free
+def _run(objective: Objective, start: Fit) -> Fit:
+    """Return the best place of one run; corners lie 5 % off the start, inside the bounds."""
+    free, best = start.free, start
     unit = np.maximum(np.abs(start.vector), 0.01 * (free.high - free.low))
-    best = start
 
     def cost(scaled: np.ndarray) -> float:
         nonlocal best
         vector = scaled * unit
         inside = free.allowed(vector)
-        point = problem.at(inside, best)
-        if point.cost < best.cost:
-            best = point
-        return _rms(problem, point) + float(np.abs((inside - vector) / unit).sum())
+        place = objective.at(free, inside, best)
+        best = min(best, place, key=lambda one: one.cost)
+        return _rmse_um(place) + float(np.abs((inside - vector) / unit).sum())
 
-    corners = [start.vector / unit]
-    for k in range(len(unit)):
-        up = start.vector + 0.05 * unit * np.eye(len(unit))[k]
-        down = start.vector - 0.05 * unit * np.eye(len(unit))[k]
-        corners.append((up if np.array_equal(free.allowed(up), up) else free.allowed(down)) / unit)
+    corners = [start.vector]
+    for step in 0.05 * np.diag(unit):
+        up = start.vector + step
+        corners.append(up if np.array_equal(free.allowed(up), up) else free.allowed(start.vector - step))
     minimize(
         cost,
-        corners[0],
+        corners[0] / unit,
         method="Nelder-Mead",
         bounds=list(zip(free.low / unit, free.high / unit, strict=True)),
         options={
-            "initial_simplex": np.array(corners),
+            "initial_simplex": np.array(corners) / unit,
             "xatol": TOLERANCE,
             "fatol": TOLERANCE,
             "maxfev": EVALUATIONS_PER_PARAMETER * len(unit),
@@ -63,5 +104,5 @@ def _run(problem: Problem, start: Point) -> Point:
     return best
 
 
-def _rms(problem: Problem, point: Point) -> float:
-    return float(np.sqrt(point.cost / sum(r.points for r in problem.recordings)))
+def _rmse_um(fit: Fit) -> float:
+    return QUIET_UM * float(np.sqrt(fit.cost / fit.rows.data))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from dlwpredict.calibrate.problem import Point
-from dlwpredict.calibrate.recordings import Recording
-from dlwpredict.flat import Free, fittable
+from dlwpredict.infer.free import Free, fittable
+from dlwpredict.infer.intervals import Intervals
+from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.priors import LEVELLING, SHIFTS, Prior
+from dlwpredict.infer.recording import Recording
 from dlwpredict.smoothing import FWHM_PER_SIGMA
 
 WEAK_SHARE = 0.3
@@ -18,6 +20,9 @@ WEAK_SHARE = 0.3
 
 UNKNOWN_SHARE = 0.5
 """It is not identified where the interval spans more than this share of its bounds."""
+
+PRIOR_SHARE = np.sqrt(0.5)
+"""Nor where its standard deviation is more than this share of its prior's: then the prior says more than the data."""
 
 EDGE_SHARE = 1e-3
 """It is at a bound where it lies nearer to it than this share of its bounds."""
@@ -32,25 +37,51 @@ def cautions_of(recordings: Sequence[Recording]) -> list[str]:
 
 
 def warnings_of(
-    free: Free, recordings: Sequence[Recording], point: Point, intervals: np.ndarray, directions: list[dict[str, float]]
+    end: Fit, found: Intervals, determined: np.ndarray, directions: Sequence[Mapping[str, float]]
 ) -> list[str]:
-    """Return what the user should know before trusting the parameters."""
-    said = []
+    """Return what the user should know before trusting the parameters.
+
+    Parameters
+    ----------
+    end : Fit
+    found : Intervals
+    determined : numpy.ndarray of bool, shape (parameters,)
+        From `identified`.
+    directions : sequence of mapping
+        Changes that are left open, name to µm or 1.
+    """
+    free, said = end.free, []
     for k, name in enumerate(free.names):
-        said += _about(name, fittable(free.base)[name].unit, point.vector[k], intervals[k], free.low[k], free.high[k])
+        bounds = float(free.low[k]), float(free.high[k])
+        unit = fittable(free.base)[name].unit
+        said += _about(name, unit, float(end.vector[k]), found.ends[k], bounds, determined=bool(determined[k]))
     said += [f"the data leave open: {combination(free, direction)}" for direction in directions]
-    return said + _about_pixels(free, recordings, point, intervals) + _about_shifts(recordings, point)
+    return said + _about_pixels(end, found) + _about_shifts(end)
 
 
-def identified(free: Free, vector: np.ndarray, intervals: np.ndarray) -> np.ndarray:
-    """Return True for each parameter away from its bounds whose interval spans at most half of them.
+def identified(free: Free, vector: np.ndarray, found: Intervals, known: Mapping[str, Prior]) -> np.ndarray:
+    """Return True for each parameter that the data determine, shape (parameters,).
 
+    It lies away from its bounds, its interval spans at most half of them, and is narrower than what was known before.
     At a bound the fit was stopped, not the data satisfied: that interval says nothing of where the parameter is.
     """
     width = free.high - free.low
-    spans = (intervals[:, 1] - intervals[:, 0]) / width
+    spans = (found.ends[:, 1] - found.ends[:, 0]) / width
     inside = (vector - free.low >= EDGE_SHARE * width) & (free.high - vector >= EDGE_SHARE * width)
-    return (spans <= UNKNOWN_SHARE) & inside
+    before = [
+        known[name].sd_at(value) if name in known else np.inf for name, value in zip(free.names, vector, strict=True)
+    ]
+    return (spans <= UNKNOWN_SHARE) & inside & (found.sd < PRIOR_SHARE * np.array(before))
+
+
+def nuisances_um(end: Fit, k: int) -> dict[str, float]:
+    """Return what recording k was levelled and moved by, µm: what turns or grows outwards by what it is at the rim."""
+    item = end.data[k]
+    half_x, half_y = (size / 2 for size in item.recording.target.size_um)
+    lever = dict.fromkeys((*LEVELLING, *SHIFTS), 1.0)
+    lever |= {"rotation": max(half_x, half_y), "scale_x": half_x, "scale_y": half_y, "shear": half_y}
+    found = zip(item.nuisances, item.known() + end.coefficients[k], strict=True)
+    return {name: float(value) * lever[name] for name, value in found}
 
 
 def combination(free: Free, direction: dict[str, float]) -> str:
@@ -59,17 +90,21 @@ def combination(free: Free, direction: dict[str, float]) -> str:
     return moves[0] + (" together with " + ", ".join(moves[1:]) if len(moves) > 1 else "") + " changes hardly anything"
 
 
-def _about(name: str, unit: str, value: float, interval: np.ndarray, low: float, high: float) -> list[str]:
-    span = f"{interval[0]:.3g} to {interval[1]:.3g}{_unit(unit)}"
-    said = []
-    edge = EDGE_SHARE * (high - low)
-    if value - low < edge or high - value < edge:
+def _about(
+    name: str, unit: str, value: float, interval: np.ndarray, bounds: tuple[float, float], *, determined: bool
+) -> list[str]:
+    low, high = bounds
+    span = f"95 % interval {interval[0]:.3g} to {interval[1]:.3g}{_unit(unit)}"
+    said, edge, wide = [], EDGE_SHARE * (high - low), interval[1] - interval[0] > UNKNOWN_SHARE * (high - low)
+    if at_bound := (value - low < edge or high - value < edge):
         bound = low if value - low < edge else high
         said.append(f"{name} is at its bound {bound:g}{_unit(unit)}: the fit wants it beyond what is physical")
-    if interval[1] - interval[0] > UNKNOWN_SHARE * (high - low):
-        said.append(f"{name} is not identified by these structures (95 % interval {span})")
+    if wide:
+        said.append(f"{name} is not identified by these structures ({span})")
+    elif not (determined or at_bound):
+        said.append(f"{name} is not identified by these structures ({span}, known beforehand)")
     elif max(interval[1] - value, value - interval[0]) > WEAK_SHARE * abs(value):
-        said.append(f"{name} is only weakly constrained by these structures (95 % interval {span})")
+        said.append(f"{name} is only weakly constrained by these structures ({span})")
     return said
 
 
@@ -91,14 +126,15 @@ def width_if_square(fwhm_um: float, pitch_um: float) -> float:
     return float(sigma * FWHM_PER_SIGMA * pitch_um)
 
 
-def _about_pixels(free: Free, recordings: Sequence[Recording], point: Point, intervals: np.ndarray) -> list[str]:
+def _about_pixels(end: Fit, found: Intervals) -> list[str]:
     """Say where the reading of a pixel moves the width of the focus out of its interval."""
-    place = free.index("exposure_fwhm_xy_um")
+    place = end.free.index("exposure_fwhm_xy_um")
     if place is None:
         return []
-    pitch = max(max(r.target.dx_um, r.target.dy_um) for r in recordings)
-    other = width_if_square(point.vector[place], pitch)
-    if intervals[place, 0] <= other <= intervals[place, 1]:
+    targets = [item.recording.target for item in end.data]
+    pitch = max(max(target.dx_um, target.dy_um) for target in targets)
+    other = width_if_square(end.vector[place], pitch)
+    if found.ends[place, 0] <= other <= found.ends[place, 1]:
         return []
     return [
         f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: here the part is smooth between them; "
@@ -106,14 +142,13 @@ def _about_pixels(free: Free, recordings: Sequence[Recording], point: Point, int
     ]
 
 
-def _about_shifts(recordings: Sequence[Recording], point: Point) -> list[str]:
+def _about_shifts(end: Fit) -> list[str]:
     said = []
-    for recording, found in zip(recordings, point.nuisances, strict=True):
-        values = dict(zip(recording.column_names, found, strict=True))
-        pitch = max(recording.target.dx_um, recording.target.dy_um)
-        shift = np.hypot(values.get("shift_x", 0.0), values.get("shift_y", 0.0))
-        if shift > pitch:
-            said.append(f"{recording.name} is shifted by {shift:.3g} µm against its prediction: align it again")
+    for k, item in enumerate(end.data):
+        moved, target = nuisances_um(end, k), item.recording.target
+        shift = np.hypot(*(moved.get(name, 0.0) for name in SHIFTS))
+        if shift > max(target.dx_um, target.dy_um):
+            said.append(f"{item.recording.name} is shifted by {shift:.3g} µm against its prediction: align it again")
     return said
 
 

@@ -13,8 +13,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from dlwpredict.calibrate import Calibration, Point, Recording, calibrate, prepare
-from dlwpredict.calibrate.recordings import WALL_PX
+from dlwpredict.calibrate import Calibration, calibrate
 from dlwpredict.calibrate.report import report_of
 from dlwpredict.calibrate.words import cautions_of
 from dlwpredict.cli import options
@@ -27,8 +26,11 @@ from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
-from dlwpredict.flat import Free, choose
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.recording import Recording, prepare
+from dlwpredict.walls import WALL_PX
 
 COMMAND = "calibrate"
 CLASS = options.PairCommand
@@ -55,9 +57,9 @@ def run(
     output: options.Output,
     parameters: options.Parameters = None,
     method: Annotated[
-        Method, typer.Option(help="Bounded least squares, or the paper's Downhill Simplex.")
+        Method, typer.Option(help="Most likely parameters, or the paper's: lowest rmse by Downhill Simplex.")
     ] = Method.fast,
-    loss: Annotated[LossKind, typer.Option(help="Huber's loss against spikes, or squares.")] = LossKind.robust,
+    loss: Annotated[LossKind, typer.Option(help="Leave out spikes, or none.")] = LossKind.robust,
     fix: Annotated[
         list[str] | None, typer.Option(help="Hold this parameter at its start value.", metavar="NAME")
     ] = None,
@@ -65,7 +67,12 @@ def run(
         list[str] | None, typer.Option(help="Fit this parameter, and only those freed.", metavar="NAME")
     ] = None,
     free_shift: Annotated[
-        bool, typer.Option("--free-shift/--fixed-shift", help="Let a small lateral shift of each recording be free.")
+        bool,
+        typer.Option("--free-shift/--fixed-shift", help="Let recordings be free to lie a little off."),
+    ] = True,
+    priors: Annotated[
+        bool,
+        typer.Option("--priors/--no-priors", help="Use what is known beforehand, or data alone."),
     ] = True,
     wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
     profile: Annotated[
@@ -91,16 +98,17 @@ def run(
     with blaming(parameters or "calibrate"):
         moving = choose(start, fix=fix or (), free=free or ())
     recordings = [_prepared(target, recording, wall_px) for target, recording in pairs]
-    with _progress() as show, _rescued(output, moving) as watch:
+    with _progress() as show, _rescued(output) as watch:
         found = calibrate(
             recordings,
             moving,
             method=method.value,
             robust=loss is LossKind.robust,
             free_shift=free_shift,
+            priors=priors,
             profile=True if profile else None,
             seed=seed,
-            watch=lambda point: (watch(point), show(point)),
+            watch=lambda fit: (watch(fit), show(fit)),
         )
     stated = with_cautions(cautions_of(recordings))  # that of the start is not its own
     write_parameters(output, replace(found.parameters, provenance=stated))
@@ -110,7 +118,7 @@ def run(
     if plot is not None:
         from dlwpredict import plots
 
-        errors = f"rmse {found.start.rmse_um:.4f} → {found.point.rmse_um:.4f} µm"
+        errors = f"rmse {found.start.rmse_um():.4f} → {found.end.rmse_um():.4f} µm"
         plots.save(plot, plots.calibration(_rows(found), caption=errors))
     _say(output, found)
     tell(figures)
@@ -121,15 +129,12 @@ def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap
 
     What is free about a recording's height is taken off it; the residual is NaN where a point does not count.
     """
-    rows, point = [], found.point
-    for one, at, residual in zip(found.problem.recordings, point.traces, point.residuals, strict=True):
-        predicted = one.target.with_heights(at.heights_um)
-        left = np.full(one.used.shape, np.nan)
-        left[one.used] = residual
-        offset = np.median(one.heights_um - at.heights_um[one.used] - residual)
-        rows.append(
-            (one.name, one.target, one.measured.with_heights(one.measured.heights_um - offset), predicted, left)
-        )
+    rows, end = [], found.end
+    for k, one in enumerate(found.recordings):
+        predicted, left = end.traces[k].heights_um, end.residual_um(k)
+        offset = np.median((one.measured.heights_um - predicted - left)[one.used])
+        measured = one.measured.with_heights(one.measured.heights_um - offset)
+        rows.append((one.name, one.target, measured, one.target.with_heights(predicted), left))
     return rows
 
 
@@ -141,10 +146,10 @@ def _prepared(target: Path, recording: Path, wall_px: int) -> Recording:
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[Point], None]]:
+def _progress() -> Iterator[Callable[[Fit], None]]:
     """Show predictions and rmse while the fit runs, on a terminal only."""
     if not progress_shown():
-        yield lambda point: None
+        yield lambda fit: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -153,21 +158,22 @@ def _progress() -> Iterator[Callable[[Point], None]]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task, lowest = bar.add_task("", total=None), [float("inf")]
 
-        def show(point: Point) -> None:
-            lowest[0] = min(lowest[0], point.rmse_um)
+        def show(fit: Fit) -> None:
+            lowest[0] = min(lowest[0], fit.rmse_um())
             bar.update(task, description=f"rmse {lowest[0]:.4f} µm")
 
         yield show
 
 
 @contextmanager
-def _rescued(output: Path, free: Free) -> Iterator[Callable[[Point], None]]:
+def _rescued(output: Path) -> Iterator[Callable[[Fit], None]]:
     """Keep the best point so far; on Ctrl-C write it beside the output under a ``.partial`` name."""
-    best: list[Point] = []
+    best: list[tuple[float, Fit]] = []
 
-    def watch(point: Point) -> None:
-        if not best or point.rmse_um < best[0].rmse_um:
-            best[:] = [point]
+    def watch(fit: Fit) -> None:
+        rmse_um = fit.rmse_um()
+        if not best or rmse_um < best[0][0]:
+            best[:] = [(rmse_um, fit)]
 
     try:
         yield watch
@@ -175,16 +181,17 @@ def _rescued(output: Path, free: Free) -> Iterator[Callable[[Point], None]]:
         if not best:
             raise ResultError("interrupted before the first prediction", where=output) from None
         partial = output.with_name(f"{output.stem}.partial{output.suffix}")
-        write_parameters(partial, free.parameters(best[0].vector))
+        write_parameters(partial, best[0][1].parameters)
         raise ResultError("interrupted", where=output, allowed=f"best so far is in {partial}") from None
 
 
 def _say(output: Path, found: Calibration) -> None:
+    left_out = f"left-out blocks {found.holdout.rmse_um:.4f} µm" if found.holdout.folds else "no blocks to leave out"
     say(
-        f"{output}: rmse {found.start.rmse_um:.4f} -> {found.point.rmse_um:.4f} µm "
-        f"(left-out blocks {found.holdout.rmse_um:.4f} µm), {found.work['fit']:.0f} predictions' worth of work"
+        f"{output}: rmse {found.start.rmse_um():.4f} -> {found.end.rmse_um():.4f} µm ({left_out}), "
+        f"{found.work['fit']:.0f} predictions' worth of work"
     )
-    for name, value, (low, high) in zip(found.free.names, found.point.vector, found.intervals, strict=True):
+    for name, value, (low, high) in zip(found.free.names, found.end.vector, found.intervals.ends, strict=True):
         say(f"  {name:<24} {value:8.4f}  95 % {low:.4f} to {high:.4f}")
     for text in found.warnings:
         warn(text)

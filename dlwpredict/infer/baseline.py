@@ -14,7 +14,7 @@ from dlwpredict.infer.free import Free
 from dlwpredict.infer.noises import scale_um, white
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.pixels import discretised
-from dlwpredict.infer.priors import Prior
+from dlwpredict.infer.priors import Prior, rows
 from dlwpredict.infer.recording import Recording, coarser, without_spikes
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.unevenness import Uneven
@@ -70,7 +70,8 @@ def rough(
         kept = [without_spikes(r, residual) for r, residual in zip(recordings, fit.residuals_um(), strict=True)]
         if any(a.points != b.points for a, b in zip(recordings, kept, strict=True)):
             recordings = kept
-    fit = _white(recordings, _left(fit), fit.parameters, free, known, work)
+    objective = Objective(_whitened(recordings, _left(fit)), known, work)
+    fit = descend(objective, rewhitened(fit, objective), gain=GAIN * objective.rows.data)
     data = discretised(fit.data, fit.parameters, [one.heights_um for one in fit.traces], work)
     now = Objective(data, known, work).at(free, fit.vector, replace(fit, data=data))
     return tuple(recordings), replace(now, jacobian=fit.jacobian)
@@ -105,6 +106,21 @@ def fitter_of(
     return Fitter(replace(objective, data=tuple(data)), before.free, **knobs)
 
 
+def derivatives_um(fit: Fit) -> list[np.ndarray]:
+    """Return the derivatives of every recording where it is used, µm, shape (parameters, rows, cols); 0 elsewhere."""
+    pairs = zip(fit.data, fit.rows.split(fit.jacobian), strict=True)
+    return [item.recording.on_map(item.whitener.solve(columns).T) for item, columns in pairs]
+
+
+def rewhitened(fit: Fit, objective: Objective) -> Fit:
+    """Return a fit at its place beside other whiteners of the same points or of some of them, with its derivatives."""
+    now = objective.at(fit.free, fit.vector, replace(fit, data=objective.data))
+    pairs = zip(now.data, derivatives_um(fit), strict=True)
+    jacobian = objective.rows.stack([item.white(maps) for item, maps in pairs])
+    jacobian[objective.rows.parameter_priors] = rows(fit.free, fit.vector, objective.known)[1]
+    return replace(now, jacobian=jacobian)
+
+
 def _white(
     recordings: Sequence[Recording],
     sigmas: Sequence[float],
@@ -114,10 +130,13 @@ def _white(
     work: Work,
 ) -> Fit:
     """Fit roughly with white noise of these strengths."""
-    data = tuple(Whitened.of(r, white(r, s)) for r, s in zip(recordings, sigmas, strict=True))
-    objective = Objective(data, known, work)
+    objective = Objective(_whitened(recordings, sigmas), known, work)
     now = objective.differentiated(objective.at(free, free.values(start)))
     return descend(objective, now, gain=GAIN * objective.rows.data)
+
+
+def _whitened(recordings: Sequence[Recording], sigmas: Sequence[float]) -> tuple[Whitened, ...]:
+    return tuple(Whitened.of(r, white(r, s)) for r, s in zip(recordings, sigmas, strict=True))
 
 
 def _left(fit: Fit) -> list[float]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free
-from dlwpredict.infer.model import Key, freed, key_of
+from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.pixels import discretised, place_of
 from dlwpredict.infer.priors import WIDTH_SD
@@ -39,7 +39,7 @@ class Start:
     Parameters
     ----------
     parameters : ParameterSet
-        Values of all that moves; what moves is what is on.
+        Values of all that moves.
     parent : Fit or None
         A fit near by, whose derivatives are taken over in a quick fit.
     """
@@ -56,7 +56,7 @@ class Fitter:
     ----------
     objective : Objective
     like : Free
-        Says which of the seven move.
+        What moves in a model with the effects of its own; in others, which of the seven.
     workers : Workers
         Who share fits that can be made at once.
     stored : dict
@@ -76,7 +76,7 @@ class Fitter:
 
     def free(self, parameters: ParameterSet) -> Free:
         """Return what moves in a model."""
-        return freed(parameters, self.like)
+        return moving(parameters, self.like)
 
     def has(self, start: Start) -> bool:
         """Tell whether a model has been fitted already."""
@@ -138,7 +138,8 @@ class Fitter:
 
     def _alone(self) -> Objective:
         """Return the objective with work of its own, so that it can be counted in another process."""
-        return replace(self.objective, work=Work(stop=self.objective.work.stop if self.workers is ALONE else Work().stop))
+        work = self.objective.work
+        return replace(self.objective, work=replace(work, predictions=0.0) if self.workers is ALONE else Work())
 
     def _shared(self, found: Fit) -> Fit:
         """Return a fit that another process has made with the recordings of this one, in place of copies of its own."""
@@ -159,7 +160,7 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
 
 def _begun(objective: Objective, start: Start, like: Free) -> Fit:
     """Return a start with derivatives, its parent's where it has one."""
-    free = freed(start.parameters, like)
+    free = moving(start.parameters, like)
     return objective.differentiated(objective.at(free, free.start, start.parent), start.parent)
 
 
@@ -195,7 +196,7 @@ def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:
     effects = tuple(effect.elsewhere() for effect in found.parameters.effects)
     if effects == found.parameters.effects:
         return found
-    free = freed(replace(found.parameters, effects=effects), like)
+    free = moving(replace(found.parameters, effects=effects), like)
     other = objective.differentiated(objective.at(free, free.start, found))
     return min(found, descend(objective, other), key=lambda one: one.cost)
 

@@ -50,11 +50,18 @@ def block_um(fitted: Fit) -> float:
     return max(BLOCK_UM, BLOCK_FWHMS * fitted.parameters.paper.crosslink_fwhm_xy_um)
 
 
-def blocks(fitted: Fit) -> LeftOut | None:
+def cuts(fitted: Fit, least: int = 1) -> list[tuple[int, int]]:
+    """Return into how many blocks every map is cut along x and along y; at least so many."""
+    width = block_um(fitted)
+    sizes = [item.recording.target.size_um for item in fitted.data]
+    return [(max(int(x / width), least), max(int(y / width), least)) for x, y in sizes]
+
+
+def blocks(fitted: Fit, least: int = 1) -> LeftOut | None:
     """Leave out every block of the maps in turn; None where the maps hold fewer than two."""
     linear, folds = _Linear.of(fitted), []
-    for k, item in enumerate(fitted.data):
-        for inside, near in _block_masks(item, block_um(fitted)):
+    for k, (item, counts) in enumerate(zip(fitted.data, cuts(fitted, least), strict=True)):
+        for inside, near in _block_masks(item, counts):
             test = _rows(fitted, k, inside)
             if test.sum() > FEWEST:
                 folds.append(linear.scored(_rows(fitted, k, near), test, k, own_nuisances=False))
@@ -79,11 +86,10 @@ def _together(folds: list[tuple[float, int]]) -> LeftOut:
     return LeftOut(*(np.array(column) for column in zip(*folds, strict=True)))
 
 
-def _block_masks(item: Whitened, width_um: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _block_masks(item: Whitened, counts: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield for each block the mask of its pixels, and of those in or near it."""
     grid = item.recording.target
-    counts = [max(int(size / width_um), 1) for size in grid.size_um]
-    if counts == [1, 1]:
+    if counts == (1, 1):
         return
     x, y = grid.x_um + grid.size_um[0] / 2, grid.y_um + grid.size_um[1] / 2
     for column in range(counts[0]):

@@ -37,6 +37,13 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
     return choose(parameters, free=names)
 
 
+def moving(parameters: ParameterSet, like: Free) -> Free:
+    """Return what a fit moves: where the effects are those of `like`, just what `like` says; else what is `freed`."""
+    if [one.name for one in parameters.effects] == [one.name for one in like.base.effects]:
+        return replace(like, base=parameters)
+    return freed(parameters, like)
+
+
 def key_of(free: Free) -> Key:
     """Return what makes a model: the names that move."""
     return tuple(sorted(free.names))

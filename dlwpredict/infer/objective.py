@@ -39,10 +39,13 @@ class Work:
     predictions : float
     stop : callable
         Asked before every prediction; what it raises ends the work.
+    seen : function of Fit
+        Shown every place that is looked at.
     """
 
     predictions: float = 0.0
     stop: Callable[[], None] = lambda: None
+    seen: Callable[[Fit], None] = lambda fit: None
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +213,7 @@ class Objective:
             residual[rows.of(k)], residual[rows.nuisance_priors(k)] = one.residual, one.prior
         residual[rows.parameter_priors] = priors.rows(free, vector, self.known)[0]
         nuisances = Nuisances(rows, tuple(one.above for one in found), tuple(one.below for one in found))
-        return Fit(
+        fit = Fit(
             tuple(one.item for one in found),
             free,
             vector,
@@ -221,6 +224,8 @@ class Objective:
             tuple(one.coefficients for one in found),
             np.zeros((rows.total, len(vector))),
         )
+        self.work.seen(fit)
+        return fit
 
     def differentiated(self, now: Fit, known: Fit | None = None) -> Fit:
         """Return the fit with whitened derivatives by its parameters; those that an earlier fit has are taken over."""

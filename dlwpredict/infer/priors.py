@@ -72,6 +72,10 @@ class Prior:
             return float(np.log(self.mean / value) / self.sd), float(1 / (value * self.sd))
         return (self.mean - value) / self.sd, 1 / self.sd
 
+    def sd_at(self, value: float) -> float:
+        """Return the standard deviation of the value itself, about this one."""
+        return self.sd * value if self.logarithm else self.sd
+
 
 def _of_shape(kind: Any, name: str, default: float) -> Prior | None:
     """Return the prior of a parameter of an effect; None where only its range is known."""
