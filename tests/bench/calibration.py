@@ -10,15 +10,23 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dlwpredict import designs
-from dlwpredict.calibrate import Problem, Recording, calibrate, prepare
-from dlwpredict.calibrate.fast import fast
-from dlwpredict.calibrate.simplex import simplex
-from dlwpredict.flat import choose, value_of
+from dlwpredict.calibrate import calibrate
+from dlwpredict.calibrate.simplex import QUIET_UM, simplex
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.baseline import rough
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.free import Free, choose, value_of
+from dlwpredict.infer.noises import white
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.priors import LEVELLING, SHIFTS
+from dlwpredict.infer.recording import Recording, prepare
+from dlwpredict.infer.whitened import Whitened
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.process import predict
 from dlwpredict.smoothing import blur
@@ -94,9 +102,10 @@ def coverage(trials: range, seed: int) -> None:
         seconds.append(time.perf_counter() - started)
         work.append(found.work["all"])
         values = np.array([value_of(truth, name) for name in names])
-        covered.append((found.intervals[:, 0] <= values) & (values <= found.intervals[:, 1]))
+        low, high = found.intervals.ends.T
+        covered.append((low <= values) & (values <= high))
         known.append(list(found.identified.values()))
-        missed.append((found.point.vector - values) / values)
+        missed.append((found.end.vector - values) / values)
         print(
             f"trial {trial}: identified {sum(known[-1])}, of these covered {int(sum(covered[-1][known[-1]]))}; missed "
             f"{[n for n, c in zip(names, covered[-1], strict=True) if not c]}",
@@ -117,6 +126,20 @@ def coverage(trials: range, seed: int) -> None:
     print(f"work per trial: {np.median(work):.0f} predictions of the trio, intervals included")
 
 
+def fast(recordings: Sequence[Recording], free: Free, work: Work) -> Fit:
+    """Follow the loss of the simplex, the plain sum of squares, down with derivatives, from where a rough fit ends."""
+    begun = rough(recordings, free, {}, work, spikes=False)[1]
+    few = [replace(r, nuisances=tuple(n for n in r.nuisances if n in (*LEVELLING, *SHIFTS))) for r in recordings]
+    plain = Objective(tuple(Whitened.of(r, white(r, QUIET_UM)) for r in few), {}, work)
+    return descend(plain, plain.differentiated(plain.at(free, begun.vector)))
+
+
+METHODS: dict[str, Callable[[Sequence[Recording], Free, Work], Fit]] = {
+    "fast": fast,
+    "simplex": lambda recordings, free, work: simplex(recordings, free, work, spikes=False)[1],
+}
+
+
 def race(cases: range, seed: int) -> None:
     """Print fast against simplex from the same start, on the same square loss."""
     wins, works, walls = [], [], []
@@ -124,11 +147,10 @@ def race(cases: range, seed: int) -> None:
         rng = np.random.default_rng([seed, 1000 + case])
         recordings = recorded(targets()[: 1 + case % 2], drawn_truth(rng), rng)
         found = {}
-        for name, method in (("fast", fast), ("simplex", simplex)):
-            problem = Problem(recordings, choose(ParameterSet()))
-            start, started = problem.at(problem.free.start), time.perf_counter()
-            point = method(problem, start)
-            found[name] = point.rmse_um, problem.work, time.perf_counter() - started
+        for name, method in METHODS.items():
+            work, started = Work(), time.perf_counter()
+            fit = method(recordings, choose(ParameterSet()), work)
+            found[name] = fit.rmse_um(), work.predictions, time.perf_counter() - started
         (a, wa, ta), (b, wb, tb) = found["fast"], found["simplex"]
         wins.append(a <= b * (1 + SAME))
         works.append(wb / wa)

@@ -16,7 +16,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from multiprocessing import get_context
@@ -40,6 +40,8 @@ from tests.prove.linear import LIMIT_Z
 from tests.prove.sealed import Bare, strength
 
 ROOT = Path(__file__).parents[2]
+
+Pair = tuple[HeightMap, HeightMap]
 
 PAIRED = 1.5, 4.0
 """Each effect of a pair is drawn between these multiples of its limit, uniform in the logarithm."""
@@ -217,10 +219,10 @@ def form_of(entry: Mapping) -> str:
     return "library" if not models or entry.get("model", "literal") == models["library"] else "longer"
 
 
-def keep(place: Path, pairs: list[tuple[HeightMap, HeightMap]], seed: int) -> None:
-    """Write a case as any program can read it."""
-    arrays = {"pairs": len(pairs), "seed": seed}
-    for k, (target, measured) in enumerate(pairs):
+def keep(place: Path, pairs: Sequence[Pair], seed: int, *, holdout: Sequence[Pair] = (), start: str = "") -> None:
+    """Write a case as any program can read it; a diagnosis starts from the parameter file, or from the paper's."""
+    arrays = {"pairs": len(pairs) + len(holdout), "fitted": len(pairs), "seed": seed, "start": start}
+    for k, (target, measured) in enumerate([*pairs, *holdout]):
         arrays |= {f"target_{k}": target.heights_um, f"recording_{k}": measured.heights_um}
         arrays |= {f"pitch_{k}": [target.dx_um, target.dy_um], f"reference_{k}": measured.height_reference}
     np.savez(place, **arrays)

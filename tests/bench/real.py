@@ -3,13 +3,17 @@
 Run as ``python -m tests.bench.real RUN_DIR FIELD ...`` after the Make rules have filled RUN_DIR; the named fields
 are those that the process was calibrated on. The recordings have no zero, so offset and tilt of every field are free
 for every prediction alike: best plane removed, points not measured and a rim left out.
+
+With ``--diagnose`` the named fields, every other one if none is named, are diagnosed together, all others held out;
+``--program PATH`` asks another checkout.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import yaml
@@ -18,6 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from dlwpredict.files import read_height_map
 from dlwpredict.heightmap import HeightMap
+from tests.bench.diagnosis import ROOT, ask, keep
 
 BLUR_PX = 3.0
 
@@ -151,5 +156,38 @@ def main(run: Path, known: list[str]) -> None:
     show_prediction(run, known, [folder for folder in folders if folder.name not in known])
 
 
+def show_diagnosis(run: Path, known: list[str], program: Path) -> None:
+    """Diagnose some fields together, print what is said, what it took, and the errors on the fields held out."""
+    fields = {path.parent.name: read_pair(path.parent) for path in sorted(run.glob("*/aligned.tif"))}
+    known = known or list(fields)[::2]
+    with TemporaryDirectory() as folder:
+        place = Path(folder, "case.npz")
+        unseen = [pair for name, pair in fields.items() if name not in known]
+        keep(place, [fields[name] for name in known], 0, holdout=unseen, start=str(ROOT / "configs" / "real.yaml"))
+        found = ask(program, place)
+    print(f"\ndiagnosed by {program}: {len(known)} fields together, {len(unseen)} held out")
+    print(f"  pixels {found['pixels'][0]}, {found['work']:.0f} predictions of all, {found['cpu_s']:.0f} s of CPU")
+    print(f"  {found['verdict']}: {'; '.join(' or '.join(f['effects']) for f in found['findings'])}")
+    print(f"  explained {found['explained']:.2f}, remainder p {found['remainder']['p_value']:.2g}")
+    for model in ("baseline", "extended"):
+        seen, kept = (found[model][name] for name in ("rmse_um", "holdout_rmse_um"))
+        print(f"  {model:9s} rmse {1e3 * seen:6.1f} nm   {found['holdout_by']} {1e3 * kept:6.1f} nm")
+    print(f"  noise {1e3 * found['noise_um']:.1f} nm")
+
+
+def asked() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("fields", nargs="*")
+    parser.add_argument("--diagnose", action="store_true", help="diagnose the fields together, the others held out")
+    parser.add_argument("--program", type=Path, default=ROOT, help="another checkout, for the diagnosis")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:])
+    chosen = asked()
+    if chosen.diagnose:
+        show_diagnosis(chosen.folder, chosen.fields, chosen.program.resolve())
+    else:
+        main(chosen.folder, chosen.fields)

@@ -7,21 +7,26 @@ from __future__ import annotations
 
 import json
 import resource
+import shutil
+import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 from scipy import fft, optimize
 
 import dlwpredict.model.exposed_surface as exposed_surface
 from dlwpredict import designs
-from dlwpredict.calibrate import Problem, prepare
-from dlwpredict.calibrate.fast import fast
-from dlwpredict.calibrate.simplex import EVALUATIONS_PER_PARAMETER, TOLERANCE, simplex
+from dlwpredict.calibrate.simplex import EVALUATIONS_PER_PARAMETER, TOLERANCE
 from dlwpredict.diagnose.run import diagnose
-from dlwpredict.flat import choose
+from dlwpredict.files import read_height_map
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.objective import Work
+from dlwpredict.infer.recording import prepare
 from dlwpredict.model.column_mean import _chebyshev_levels
 from dlwpredict.model.exposed_surface import LEVEL_STEP_SIGMAS
 from dlwpredict.model.levels import Levels
@@ -30,9 +35,14 @@ from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict
 from dlwpredict.smoothing import FWHM_PER_SIGMA
-from tests.bench.calibration import noise
+from tests.bench.calibration import METHODS, noise
 from tests.bench.cases import Case, recorded
+from tests.bench.diagnosis import ROOT, ask, keep
 from tests.bench.speed import reference
+
+PROGRAM = Path(sys.executable).with_name("dlwpredict")
+REAL = ROOT.parent / "shared" / "recordings" / "two_photon"
+"""Real prints; `RECORDINGS` of the Makefile."""
 
 PITCH_UM, SLICE_UM, MARGIN_UM = 0.1, 0.1, 4.0
 TRUTH = ParameterSet(Paper(0.55, 1.6, 0.47, 6.2, 6.6, 0.74, 0.96))
@@ -102,12 +112,11 @@ def recording(kind: str, side_px: int, pitch_um: float):
 
 def calibrated(method: str, kind: str, side_px: str, pitch_um: str) -> Callable[[], dict]:
     """Calibrate one recording from the paper's defaults, full resolution at the end."""
-    problem = Problem((recording(kind, int(side_px), float(pitch_um)),), choose(ParameterSet()))
-    way = {"fast": fast, "simplex": simplex}[method]
+    pair, work = recording(kind, int(side_px), float(pitch_um)), Work()
 
     def run() -> dict:
-        point = way(problem, problem.at(problem.free.start))
-        return {"rmse_nm": 1e3 * point.rmse_um, "predictions": problem.work}
+        fit = METHODS[method]([pair], choose(ParameterSet()), work)
+        return {"rmse_nm": 1e3 * fit.rmse_um(), "predictions": work.predictions}
 
     return run
 
@@ -157,7 +166,65 @@ def diagnosed() -> Callable[[], dict]:
     return run
 
 
-JOBS = {job.__name__: job for job in (printed, voxels, error, floor, calibrated, voxel_simplex, corrected, diagnosed)}
+LAG = {"name": "galvo-lag", "lag_um": 0.15, "model": "time"}
+CURL = {"name": "curl", "rise_um": 0.04}
+"""About twice their limits on three maps."""
+
+PRINTED = {
+    "nothing": Case(seed=1000),
+    "one": Case(effects=(LAG,), seed=2000),
+    "two": Case(effects=(LAG, CURL), seed=3000),
+}
+"""Three maps of 145² points, and what is concealed in them."""
+
+
+def aligned(target: Sequence[str], recording: Sequence[str], folder: Path) -> tuple[HeightMap, HeightMap]:
+    """Convert and align a pair with the program's commands, as `make demo` and `make real` do."""
+    target_file, recording_file, found = (str(folder / f"{name}.tif") for name in ("target", "recording", "aligned"))
+    steps = ["convert", *target, target_file], ["convert", *recording, recording_file]
+    for words in (*steps, ["align", recording_file, target_file, "-o", found]):
+        subprocess.run([str(PROGRAM), *words, "--overwrite"], check=True, stdout=subprocess.DEVNULL)
+    return read_height_map(Path(target_file)), read_height_map(Path(found))
+
+
+def of_demo(folder: Path) -> list[tuple[HeightMap, HeightMap]]:
+    """Return the two recordings of `sample_data`, aligned."""
+    place, pitch = ROOT / "sample_data", ["--pitch-um", "0.3125"]
+    return [
+        aligned([str(place / "cin_target.tif")],
+                [str(place / "cin_recording.txt.gz"), *pitch, "--z-scale", "1e6"], folder),
+        aligned([str(place / "air_target.tif")], [str(place / "air_recording.tif"), *pitch], folder),
+    ]  # fmt: skip
+
+
+def of_field(folder: Path) -> list[tuple[HeightMap, HeightMap]]:
+    """Return one real print, from its design levels and the text file of the AFM, aligned."""
+    pitch = ["--pitch-um", "0.1"]
+    design = [str(REAL / "FOV11_design_levels.tif"), *pitch, "--z-scale", "0.1"]
+    return [aligned(design, [str(REAL / "FOV11_afm.txt"), *pitch, "--z-scale", "1e6"], folder)]
+
+
+def asked(what: str, program: str = str(ROOT)) -> Callable[[], dict]:
+    """Ask a checkout for a diagnosis, in one process; only the diagnosis itself is timed."""
+    folder = Path(mkdtemp())
+    pairs = {"demo": of_demo, "FOV11": of_field}[what](folder) if what not in PRINTED else recorded(PRINTED[what])
+    start = str(ROOT / "configs" / "real.yaml") if what == "FOV11" else ""
+    keep(folder / "case.npz", pairs, 0, start=start)
+
+    def run() -> dict:
+        found = ask(Path(program), folder / "case.npz")
+        shutil.rmtree(folder)
+        said = [" or ".join(finding["effects"]) for finding in found["findings"]]
+        figures = {"wall_s": found["seconds"], "cpu_s": found["cpu_s"], "predictions": found["work"]}
+        return figures | {"said": "; ".join([found["verdict"], *said]), "pixels": str(found["pixels"][0])}
+
+    return run
+
+
+JOBS = {
+    job.__name__: job
+    for job in (printed, voxels, error, floor, calibrated, voxel_simplex, corrected, diagnosed, asked)
+}  # fmt: skip
 
 
 def main(name: str, *words: str) -> None:

@@ -7,6 +7,7 @@ ratio is of wall time, or a figure is in seconds, it says so.
 from __future__ import annotations
 
 import math
+import os
 import statistics
 import sys
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ from typing import Any
 from dlwpredict.cli.commands import NAMES
 from dlwpredict.parallel import cores
 from tests.bench.speed import cluster
+from tests.bench.speed.jobs import REAL
 from tests.bench.speed.measure import alternate, job
 
 PROGRAM = str(Path(sys.executable).with_name("dlwpredict"))
@@ -163,8 +165,33 @@ def precompensate(repeats: int) -> Iterator[Figure]:
     )
 
 
+ASKED = {
+    "nothing": "three of 145², nothing concealed",
+    "one": "three of 145², one effect",
+    "two": "three of 145², two effects",
+    "demo": "the demo's two",
+    "FOV11": "one real print, 512²",
+}
+"""What is diagnosed."""
+
+
 def diagnose(repeats: int) -> Iterator[Figure]:
-    """Yield a diagnosis of three recordings, in seconds and in predictions of 512²."""
+    """Yield the work of diagnoses, in predictions and in seconds of one processor; and one by the clock, on all cores.
+
+    Beside another checkout, an older program too, where `BESIDE` names its folder.
+    """
+    beside = os.environ.get("BESIDE")
+    for what, words in ASKED.items():
+        if what == "FOV11" and not REAL.is_dir():
+            continue
+        commands = {"here": job("asked", what)} | ({"beside": job("asked", what, beside)} if beside else {})
+        found = alternate(commands, 1)
+        for name, one in found.items():
+            label = f"diagnose {words}" + (f", {beside}" if name == "beside" else "")
+            yield Figure(f"{label}: predictions", one["predictions"], "", None, False, 1, one["said"], found)
+            yield Figure(f"{label}: processor time", one["cpu_s"], "s", None, False, 1, f"on {one['pixels']} pixels")
+        if beside:
+            yield Figure(f"diagnose {words}: {beside} / here", _times(found, "beside", "here"), "x", None, True, 1)
     found = alternate({"predict": job("printed", 512), "diagnose": job("diagnosed")}, min(repeats, 3))
     one = found["diagnose"]
     yield Figure("diagnose 3 x 145²: wall time", one["wall_s"], "s", 30, False, one["repeats"],
