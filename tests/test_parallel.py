@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
-from dlwpredict.calibrate import prepare
-from dlwpredict.diagnose.content import content_of
+from dlwpredict.diagnose.answer.content import content_of
 from dlwpredict.diagnose.run import diagnose
 from dlwpredict.effects import library
+from dlwpredict.infer.recording import prepare
 from dlwpredict.parallel import Workers, each
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
@@ -116,5 +116,5 @@ def test_a_diagnosis_is_that_of_one_process(workers):
     alone, shared = (diagnose([pair], ParameterSet(), workers=those) for those in (Workers(), workers))
     assert content_of(shared) == content_of(alone)
     assert alone.named
-    models = shared.baseline.fit, shared.extended.fit, *(one.rest for one in shared.named)
+    models = shared.baseline.fit, shared.extended.fit, *(one.reduced for one in shared.named)
     assert len({id(model.data[0].whitener) for model in models}) == 1  # no copies, or eight recordings fill the memory
