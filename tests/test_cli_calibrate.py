@@ -127,22 +127,55 @@ def test_existing_output_is_kept(call, tmp_path):
 
 
 def test_interrupt_leaves_the_best_so_far_under_a_partial_name(call, tmp_path, monkeypatch):
-    from dlwpredict.calibrate import problem
+    from dlwpredict.infer.objective import Objective
 
-    counted, at = [], problem.Problem.at
+    counted, at = [], Objective.at
 
-    def interrupted(self, vector, known=None):
+    def interrupted(self, free, vector, near=None):
         counted.append(1)
         if len(counted) > 3:
             raise KeyboardInterrupt
-        return at(self, vector, known)
+        return at(self, free, vector, near)
 
-    monkeypatch.setattr(problem.Problem, "at", interrupted)
+    monkeypatch.setattr(Objective, "at", interrupted)
     result = call("--pair", "target.tif", "aligned.tif")
     assert result.exit_code == 1
     assert "interrupted" in result.stderr and "p.partial.yaml" in result.stderr
     assert not (tmp_path / "p.yaml").exists()
     assert read_parameters(tmp_path / "p.partial.yaml").paper
+
+
+def test_the_bare_fit_and_the_papers_are_there_for_the_asking(call, tmp_path):
+    """Priors move what they are about; κ has none, so three ways of fitting it agree."""
+    found = []
+    for words in ((), ("--no-priors",), ("--method", "simplex", "--loss", "square", "--fixed-shift")):
+        result = call("--pair", "target.tif", "aligned.tif", *KAPPAS, *words, "--overwrite")
+        assert result.exit_code == 0, result.output
+        found.append(read_parameters(tmp_path / "p.yaml").paper)
+    for one in found[1:]:
+        assert one.shrinkage_max == pytest.approx(found[0].shrinkage_max, abs=2e-3)
+
+
+def test_the_report_keeps_its_keys(call, tmp_path):
+    assert call("--pair", "target.tif", "aligned.tif", *KAPPAS, "--report", tmp_path / "r.yaml").exit_code == 0
+    report = read_yaml(tmp_path / "r.yaml")
+    assert list(report)[:9] == [
+        "format",
+        "rmse_um",
+        "holdout",
+        "parameters",
+        "correlation",
+        "open_directions",
+        "noise_from",
+        "recordings",
+        "work",
+    ]
+    assert set(report["holdout"]) == {"rmse_um", "folds", "block_um", "buffer_um"}
+    keys = {"value", "low", "high", "standard_error", "interval_from", "identified", "unit"}
+    assert set(report["parameters"]["shrinkage_min"]) == keys
+    assert {"white", "correlated", "length", "smoothness"} < set(report["recordings"][0]["noise_um"])
+    assert report["correlation"]["shrinkage_min"]["shrinkage_min"] == 1.0
+    assert report["noise_from"] == "residual" and set(report["work"]) == {"fit", "all"}
 
 
 def test_a_parameter_at_its_bound_is_not_identified(call, tmp_path, folder):

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from dlwpredict import designs
 from dlwpredict.align import align
-from dlwpredict.calibrate import calibrate, prepare
+from dlwpredict.calibrate import calibrate
 from dlwpredict.errors import ResultError
-from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.recording import prepare
 from dlwpredict.model.levels import Levels
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.precompensate import Limits, precompensate
@@ -50,8 +51,8 @@ class TestCalibrate:
         recorded = replace(target.with_heights(heights), height_reference="relative" if relative else "substrate")
         free = choose(start, fix=[name for name in declarations(Paper) if name not in moved])
         found = calibrate([prepare(target, recorded)], free, robust=robust, free_shift=free_shift, profile=False)
-        assert found.point.cost <= found.start.cost
-        assert (found.point.vector >= free.low).all() and (found.point.vector <= free.high).all()
+        assert found.end.cost <= found.start.cost
+        assert (found.end.vector >= free.low).all() and (found.end.vector <= free.high).all()
         assert found.parameters.paper.shrinkage_min <= found.parameters.paper.shrinkage_max
 
     @few
@@ -62,7 +63,7 @@ class TestCalibrate:
         free = choose(start, fix=[name for name in declarations(Paper) if not name.startswith("shrinkage")])
         recording = prepare(target, target.with_heights(heights))
         found = calibrate([recording], free, method="simplex", profile=False)
-        assert found.point.cost <= found.start.cost
+        assert found.end.rmse_um() <= found.start.rmse_um() + 1e-4
 
 
 class TestAlign:
@@ -157,4 +158,4 @@ def test_a_process_is_its_own_truth():
     target, process = air(), ParameterSet()
     heights = predict(target, process, numerics=ONE).heights_um.astype(np.float32)
     found = calibrate([prepare(target, target.with_heights(heights))], choose(process), profile=False)
-    np.testing.assert_allclose(found.point.vector, choose(process).start, rtol=1e-4)
+    np.testing.assert_allclose(found.end.vector, choose(process).start, rtol=1e-4)

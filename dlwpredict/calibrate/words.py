@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from dlwpredict.infer.free import Free, fittable
 from dlwpredict.infer.intervals import Intervals
 from dlwpredict.infer.objective import Fit
-from dlwpredict.infer.priors import LEVELLING, SHIFTS, Prior
+from dlwpredict.infer.priors import LEVELLING, NUISANCES, SHIFTS, Prior
 from dlwpredict.infer.recording import Recording
 from dlwpredict.smoothing import FWHM_PER_SIGMA
 
@@ -27,6 +27,9 @@ PRIOR_SHARE = np.sqrt(0.5)
 EDGE_SHARE = 1e-3
 """It is at a bound where it lies nearer to it than this share of its bounds."""
 
+
+OFF_SD = 2.5
+"""A recording lies off its target where its shift is this many standard deviations of its prior, or a pixel."""
 
 RELATIVE_ONLY = "learned from relative heights only (no substrate in view): relief is known, total height is not"
 
@@ -146,8 +149,9 @@ def _about_shifts(end: Fit) -> list[str]:
     said = []
     for k, item in enumerate(end.data):
         moved, target = nuisances_um(end, k), item.recording.target
+        most = min(max(target.dx_um, target.dy_um), OFF_SD * NUISANCES["shift_x"][1])
         shift = np.hypot(*(moved.get(name, 0.0) for name in SHIFTS))
-        if shift > max(target.dx_um, target.dy_um):
+        if shift > most:
             said.append(f"{item.recording.name} is shifted by {shift:.3g} µm against its prediction: align it again")
     return said
 

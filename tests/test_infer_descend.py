@@ -1,0 +1,198 @@
+"""The descent and the fitter: they come to rest where nothing is lower, from wherever they begin."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.effects import library
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.descend import _broyden, _step, descend
+from dlwpredict.infer.fitter import Fitter, Start
+from dlwpredict.infer.free import Free, choose
+from dlwpredict.infer.model import key_of
+from dlwpredict.infer.noises import white
+from dlwpredict.infer.objective import Fit, Nuisances, Objective, Work
+from dlwpredict.infer.priors import PARAMETERS
+from dlwpredict.infer.recording import prepare
+from dlwpredict.infer.rows import Rows
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+
+TRUTH = ParameterSet(paper=Paper(0.55, 1.7, 0.42, 6.0, 8.0, 0.74, 0.96))
+KAPPAS = ("shrinkage_min", "shrinkage_max")
+NOISE = Noise(0.002, 0.004, 1.0, 0.5, 0.5)
+LOW = ParameterSet(paper=replace(TRUTH.paper, shrinkage_min=0.6))
+
+
+@pytest.fixture(scope="module")
+def air() -> HeightMap:
+    return designs.air(size_um=24.0, pitch_um=0.5, margin_um=4.0)
+
+
+@pytest.fixture(scope="module")
+def printed(air) -> HeightMap:
+    return predict(air, TRUTH)
+
+
+def objective_of(target: HeightMap, measured: HeightMap, sigma_um: float = 1e-3, **known) -> Objective:
+    recording = prepare(target, measured)
+    return Objective((Whitened.of(recording, white(recording, sigma_um)),), **known)
+
+
+def descended(objective: Objective, free: Free, gain: float = 1e-6) -> Fit:
+    return descend(objective, objective.differentiated(objective.at(free, free.start)), gain=gain, steps=20)
+
+
+def by_hand(free: Free, vector: np.ndarray, residual: np.ndarray, jacobian: np.ndarray | None = None) -> Fit:
+    """Build a fit without recordings."""
+    layout = Rows((len(residual),), (0,), 0)
+    nothing = Nuisances(layout, (np.zeros((len(residual), 0)),), (np.zeros((0, 0)),))
+    jacobian = np.zeros((len(residual), len(vector))) if jacobian is None else jacobian
+    return Fit((), free, vector, (), layout, residual, nothing, (), jacobian)
+
+
+@dataclass
+class Banana:
+    """Rosenbrock's valley, residuals 3 (v − u²) and 1 − u: a full step along its floor ends up its flank."""
+
+    free: Free = field(
+        default_factory=lambda: Free(ParameterSet(), ("u", "v"), np.array([-5.0, -30.0]), np.array([5.0, 30.0]))
+    )
+    jacobians: int = 0
+    places: int = 0
+
+    def at(self, free: Free, vector: np.ndarray, near: Fit | None = None) -> Fit:
+        self.places += 1
+        return by_hand(free, vector, np.array([3 * (vector[1] - vector[0] ** 2), 1 - vector[0], 100]))
+
+    def differentiated(self, now: Fit) -> Fit:
+        """Differentiate what is subtracted: recording − prediction is the residual."""
+        self.jacobians += 1
+        return replace(now, jacobian=np.array([[6 * now.vector[0], -3.0], [1.0, 0.0], [0.0, 0.0]]))
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (-4.0, 16.0), (3.0, 9.0)])
+def test_a_bent_valley_is_not_crawled_along(start):
+    """The way over the flank takes a few steps; along the floor alone, up to 13 Jacobians and 37 places."""
+    valley = Banana()
+    begun = valley.differentiated(valley.at(valley.free, np.array(start)))
+    found = descend(valley, begun, gain=1e-5, steps=20)
+    np.testing.assert_allclose(found.vector, 1, atol=3e-3)
+    assert valley.jacobians <= 5 and valley.places <= 9
+
+
+class TestStep:
+    def test_is_that_of_least_squares(self):
+        rng = np.random.default_rng(0)
+        free = Free(ParameterSet(), ("u", "v"), np.array([-50.0, -50.0]), np.array([50.0, 50.0]))
+        matrix, residual = rng.normal(size=(60, 2)), rng.normal(size=60)
+        place, promised = _step(by_hand(free, np.zeros(2), residual, matrix), 0.0)
+        expected, left, *_ = np.linalg.lstsq(matrix, residual, rcond=None)
+        np.testing.assert_allclose(place, expected, atol=1e-9)
+        assert promised == pytest.approx(residual @ residual - left[0])
+
+    def test_on_the_border_both_height_factors_move_as_one(self):
+        """The nearest place to (1.1, 0.9) with κ_min ≤ κ_max is (1, 1)."""
+        here, wanted = np.array([0.7, 0.95]), np.array([1.1, 0.9])
+        fit = by_hand(choose(ParameterSet(), free=KAPPAS), here, wanted - here, np.eye(2))
+        np.testing.assert_allclose(_step(fit, 0.0)[0], 1.0, atol=1e-9)
+
+    def test_an_updated_jacobian_explains_the_last_step(self):
+        rng = np.random.default_rng(1)
+        free = choose(ParameterSet(), free=KAPPAS)
+        old = by_hand(free, np.array([0.7, 0.9]), rng.normal(size=60), rng.normal(size=(60, 2)))
+        new = by_hand(free, np.array([0.75, 1.0]), rng.normal(size=60))
+        moved = _broyden(old, new) @ (new.vector - old.vector)
+        np.testing.assert_allclose(moved, old.residual - new.residual, atol=1e-12)
+
+
+class TestDescent:
+    def test_finds_the_height_factors(self, air, printed):
+        found = descended(objective_of(air, printed, known={}), choose(LOW, free=KAPPAS))
+        np.testing.assert_allclose(found.vector, [0.74, 0.96], atol=1e-6)
+
+    def test_stops_at_the_bound_that_is_in_the_way(self, air, printed):
+        base = ParameterSet(paper=replace(TRUTH.paper, shrinkage_min=0.8), bounds={"shrinkage_min": (0.77, 0.9)})
+        found = descended(objective_of(air, printed), choose(base, free=KAPPAS))
+        assert found.vector[0] == 0.77
+
+    def test_least_height_factor_never_passes_the_largest(self, air, printed):
+        taller = printed.with_heights(air.heights_um * 0.8 + 0.02 * (printed.heights_um < 5.8))
+        low, high = descended(objective_of(air, taller), choose(TRUTH, free=KAPPAS)).vector
+        assert low <= high
+
+    def test_never_climbs(self, air, printed):
+        costs: list[float] = []
+        work = Work(seen=lambda fit: costs.append(fit.cost))
+        objective = objective_of(air, printed, 0.01, work=work)
+        free = choose(ParameterSet())
+        assert descended(objective, free).cost == min(costs) < costs[0]
+
+
+def recorded(target: HeightMap, truth: ParameterSet, rng: np.random.Generator) -> Objective:
+    heights = predict(target, truth).heights_um + NOISE.simulate(target.shape, rng)
+    return Objective((Whitened.of(prepare(target, target.with_heights(heights)), Uneven(NOISE)),))
+
+
+class TestFitter:
+    @pytest.mark.parametrize("seed", [20, 21, 25])
+    def test_comes_to_rest_where_one_from_the_truth_does(self, seed):
+        """From the paper's defaults, along valleys that bend: crawling along them, two ended 15 and 37 higher."""
+        rng = np.random.default_rng(seed)
+        ranges = ((0.4, 0.8), (1, 2.5), (0.3, 0.6), (4, 9), (4, 9), (0.6, 0.75), (0.85, 1))
+        truth = ParameterSet(paper=Paper(*(rng.uniform(*limits) for limits in ranges)))
+        objective = recorded(designs.cin(size_um=20, pitch_um=0.5, margin_um=3), truth, rng)
+        found, best = (Fitter(objective, choose(ParameterSet())).best(Start(s)) for s in (ParameterSet(), truth))
+        assert found.cost == pytest.approx(best.cost, abs=1)
+        error = (found.vector - np.array(list(vars(truth.paper).values()))) / np.linalg.norm(found.estimators, axis=0)
+        assert np.abs(error).max() < 4
+        assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
+
+    def test_so_it_does_with_an_effect(self):
+        rng, drying = np.random.default_rng(21), library()["edge-drying"]
+        truth = ParameterSet(paper=Paper(0.6, 1.8, 0.4, 6.0, 7.0, 0.7, 0.95), effects=(drying(depth_um=0.4),))
+        objective = recorded(designs.cin(size_um=30, pitch_um=0.5, margin_um=4), truth, rng)
+        begun = ParameterSet(effects=(drying(depth_um=0.1),))
+        found, best = (Fitter(objective, choose(ParameterSet())).best(Start(s)) for s in (begun, truth))
+        assert found.cost == pytest.approx(best.cost, abs=1)
+
+    def test_a_model_is_fitted_once(self, air, printed):
+        fitter = Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS))
+        assert not fitter.has(Start(LOW))
+        found = fitter.best(Start(LOW))
+        spent = fitter.objective.work.predictions
+        assert fitter.has(Start(TRUTH)) and fitter.best(Start(TRUTH)) is found
+        assert fitter.objective.work.predictions == spent > 0
+
+    def test_the_lowest_of_its_starts_wins(self, air, printed):
+        free = choose(LOW, free=["exposure_fwhm_z_um", "threshold"])
+        far = replace(LOW, paper=replace(TRUTH.paper, exposure_fwhm_z_um=8.0, threshold=0.1))
+        alone, both = (
+            Fitter(objective_of(air, printed, 0.01), free).best(*map(Start, starts))
+            for starts in ((TRUTH,), (far, TRUTH))
+        )
+        assert both.cost <= alone.cost + 0.1
+
+    def test_a_stored_fit_is_taken_up(self, air, printed):
+        free, stored = choose(LOW, free=KAPPAS), {}
+        first = Fitter(objective_of(air, printed, 0.01), free, stored=stored)
+        found = first.best(Start(LOW))
+        assert stored == {" ".join(key_of(free)): found.vector.tolist()}
+        second = Fitter(objective_of(air, printed, 0.01), free, stored=stored)
+        np.testing.assert_allclose(second.best(Start(LOW)).vector, found.vector, atol=1e-4)
+        assert second.objective.work.predictions <= first.objective.work.predictions
+
+    def test_what_was_chosen_moves_and_nothing_else(self, air, printed):
+        """Of the start's own effects too: one that is off, and one that is held."""
+        drying, memory = library()["edge-drying"](depth_um=0.2), library()["dose-memory"]()
+        start = replace(LOW, effects=(drying, memory))
+        free = choose(start, free=["shrinkage_max", "dose-memory.gain", "edge-drying.depth_um"])
+        found = Fitter(objective_of(air, printed, 0.01, known=PARAMETERS), free).best(Start(start))
+        assert found.free.names == free.names
+        assert found.parameters.paper.shrinkage_min == 0.6
+        assert found.parameters.effects[0].depth_um < 0.1

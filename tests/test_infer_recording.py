@@ -1,0 +1,130 @@
+"""Recordings as a fit sees them: points that count, pixels that are worked on, predictions that are not repeated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.errors import InputError, ResultError
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import with_values
+from dlwpredict.infer.pixels import discretisation_um, working_factor
+from dlwpredict.infer.priors import LATERAL, LEVELLING
+from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, trusted, without_spikes
+from dlwpredict.infer.trace import trace
+from dlwpredict.model.levels import Levels
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+from dlwpredict.walls import near_walls
+
+TRUTH = ParameterSet(paper=Paper(0.55, 1.7, 0.42, 6.0, 8.0, 0.74, 0.96))
+COMMON = {"pitch_um": 0.5, "margin_um": 4.0}
+
+
+@pytest.fixture(scope="module")
+def air() -> HeightMap:
+    return designs.air(size_um=24.0, **COMMON)
+
+
+@pytest.fixture(scope="module")
+def printed(air) -> HeightMap:
+    return predict(air, TRUTH)
+
+
+class TestTrace:
+    def test_is_the_prediction(self, air, printed):
+        np.testing.assert_array_equal(trace(air, TRUTH, Levels(1)).heights_um, printed.heights_um)
+
+    @pytest.mark.parametrize(
+        ("name", "value", "work"),
+        [("shrinkage_min", 0.6, 0.0), ("crosslink_fwhm_z_um", 6.0, 0.8), ("threshold", 0.5, 1.0)],
+    )
+    def test_what_lies_upstream_is_taken_over_and_nothing_else(self, air, name, value, work):
+        numerics = Levels(1)
+        changed = with_values(TRUTH, {name: value})
+        again = trace(air, changed, numerics, trace(air, TRUTH, numerics))
+        np.testing.assert_array_equal(again.heights_um, predict(air, changed).heights_um)
+        assert again.work == pytest.approx(work)
+
+
+class TestRecordings:
+    def test_walls_are_masked_and_slopes_are_not(self):
+        wall = designs.stairs(size_um=32.0, feature_um=0.0, **COMMON)
+        slope = HeightMap(np.pad(5 + np.sin(np.arange(80) / 4)[None, :].repeat(80, 0), 0), 0.5, 0.5)
+        assert near_walls(wall)[32, 22:26].all()  # between the first and the second plateau
+        assert not near_walls(slope)[5:-5, 5:-5].any()
+
+    def test_border_of_a_part_that_fills_the_map_is_a_wall(self):
+        full = HeightMap(np.full((20, 30), 2.0), 0.5, 0.5)
+        assert not near_walls(full)[3:-3, 3:-3].any()
+        assert near_walls(full)[[0, 2, -1], 5:-5].all() and near_walls(full)[5:-5, [0, 2, -1]].all()
+
+    def test_filled_and_missing_points_do_not_count(self, air, printed):
+        heights = printed.heights_um.copy()
+        heights[20:24, 20:24] = np.nan
+        filled = np.zeros(air.shape, dtype=bool)
+        filled[30:34, 30:34] = True
+        used = prepare(air, HeightMap(heights, 0.5, 0.5, filled=filled), wall_px=0).used
+        assert used.sum() == air.heights_um.size - 32
+
+    def test_another_grid_is_refused_with_a_hint(self, air):
+        with pytest.raises(InputError, match=r"rec: grid: .* \(use align\)"):
+            prepare(air, HeightMap(np.zeros((9, 9)), 0.5, 0.5), name="rec")
+
+    def test_an_empty_target_is_refused(self, air):
+        with pytest.raises(InputError, match="t: heights: nothing written"):
+            prepare(air.with_heights(np.zeros(air.shape)), air, target_name="t")
+
+    def test_too_few_points_are_refused(self, air, printed):
+        heights = np.full(air.shape, np.nan)
+        heights[20:30, 20:30] = printed.heights_um[20:30, 20:30]
+        with pytest.raises(ResultError, match=r"100 measured points on the part .* at least 500"):
+            check_points([prepare(air, air.with_heights(heights), wall_px=0)])
+
+    def test_coarse_pixels_keep_the_mean_height(self, air, printed):
+        pair = coarser(prepare(air, printed, wall_px=0), 2)
+        assert pair.target.dx_um == 1.0
+        assert pair.target.heights_um.mean() == pytest.approx(air.heights_um.mean())
+        assert pair.measured.heights_um.mean() == pytest.approx(printed.heights_um.mean())
+
+    def test_a_wide_pixel_counts_where_most_of_it_did(self):
+        heights = np.full((40, 40), 2.0)
+        heights[0, 0] = heights[2, 2:4] = heights[4, 4] = heights[5, 4:6] = np.nan
+        target = HeightMap(np.full((40, 40), 2.0), 0.5, 0.25)
+        used = coarser(prepare(target, target.with_heights(heights), wall_px=0), 2).used
+        assert used[0, 0] and not used[1, 1] and not used[2, 2] and used[3:, 3:].all()
+
+    def test_levelling_is_free_where_heights_are_relative_and_pixels_where_nothing_is_trusted(self, air, printed):
+        relative = prepare(air, replace(printed, height_reference="relative"))
+        assert relative.nuisances == (*LEVELLING, *LATERAL)
+        assert trusted(printed) == LATERAL
+        assert doubted(prepare(air, printed)).nuisances == (*LEVELLING, *LATERAL, "pixels")
+
+    def test_lone_points_that_stand_out_do_not_count(self, air, printed):
+        recording = prepare(air, printed)
+        row, col = np.argwhere(recording.used)[1000]
+        residual = 0.01 * np.random.default_rng(0).normal(size=air.shape)
+        residual[row, col] = 1.0
+        kept = without_spikes(recording, residual)
+        assert recording.used[row, col] and not kept.used[row, col]
+        assert kept.points > 0.99 * recording.points
+
+
+class TestPixels:
+    def test_working_pixels_are_as_wide_as_the_focus_allows(self):
+        part = HeightMap(np.ones((9, 9)), 0.05, 0.05)
+        narrow, wide = (ParameterSet(paper=Paper(exposure_fwhm_xy_um=width)) for width in (0.2, 0.4))
+        assert working_factor(part, wide) == pytest.approx(2 * working_factor(part, narrow), abs=1)
+        assert working_factor(HeightMap(np.ones((9, 9)), 0.5, 0.5), wide) == 1
+
+    def test_the_user_may_ask_for_a_pitch(self):
+        part = HeightMap(np.ones((9, 9)), 0.1, 0.1)
+        assert working_factor(part, ParameterSet(), 0.4) == 4
+        assert working_factor(part, ParameterSet(), 0.01) == 1
+
+    def test_finer_pixels_change_edges_and_no_plateau(self, air):
+        stairs = designs.stairs(size_um=24.0, feature_um=3.0, **COMMON)
+        recording = prepare(stairs, stairs, wall_px=0)
+        change = np.abs(discretisation_um(recording, TRUTH, predict(stairs, TRUTH).heights_um))
+        assert np.percentile(change, 99) > 5 * np.median(change)
