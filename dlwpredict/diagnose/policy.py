@@ -36,6 +36,10 @@ ROUNDS = 5
 REACH = 2.0
 """Refits are brought to convergence where they come within so many class widths of the best: those of a quick fit."""
 
+SHORT = 0.3
+"""Share of the best gain that the quick fit of a first effect may fall short by and still be brought to convergence:
+where a law bends, derivatives taken before it did find no more."""
+
 # -- noise and choice -------------------------------------------------------------------------
 PASSES = 3
 """Times that noise and choice are repeated at most."""
@@ -63,6 +67,7 @@ POWER = 1.28
 """Standard deviations above the threshold at which an effect is found nine times in ten: `not_testable` is one that does
 not reach them at the end of its range."""
 
-HIDDEN = 5.0
-"""Standard deviations that an effect's typical size stands out with the process fixed; one that stays below them once
-the process is fitted is hidden by it, and a second column shows what is left of it beyond the tangents."""
+SEEN, TAKEN = 5.0, 0.3
+"""An effect whose typical size stands out so many standard deviations with the process fixed, but of whose signature the
+process takes all but this share, has a second column: what is left of it beyond the tangents. A tenth of the energy is
+where the bend of a law counts as much as its tangent."""

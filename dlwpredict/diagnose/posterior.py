@@ -12,7 +12,6 @@ from itertools import combinations
 import numpy as np
 
 from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.library.candidates import Candidate
 from dlwpredict.diagnose.library.score import Linearised
 
 KEPT = 200
@@ -68,13 +67,15 @@ class Sets:
                 best[subset.names] = subset
         return cls(screen, price, sorted(best.values(), key=lambda one: one.cost))
 
-    def strengths(self, subset: Subset) -> list[tuple[Candidate, float]]:
-        """Return the candidates of a set with their strengths in typical sizes, all columns of the set together."""
+    def strengths(self, subset: Subset) -> list[float]:
+        """Return the strengths of a set's candidates in typical sizes, all columns of the set together."""
         screen = self.screen
         columns = [*_columns(screen, subset.kept), *(screen.first + k for k in subset.added)]
-        found = _solved(screen.products[np.ix_(columns, columns)], screen.raw[columns])[len(columns) - len(subset.added) :]
+        found = _solved(screen.products[np.ix_(columns, columns)], screen.raw[columns])[
+            len(columns) - len(subset.added) :
+        ]
         lengths = [max(screen.lengths[k], 1e-12) for k in subset.added]
-        return [(screen.chosen[k], a / n) for k, a, n in zip(subset.added, found, lengths, strict=True)]
+        return [float(a / n) for a, n in zip(found, lengths, strict=True)]
 
     def leading(self, model: frozenset[str], reach: float) -> list[Subset]:
         """Return the sets to refit next, beside a model with these names.
@@ -120,7 +121,10 @@ def _beside(screen: Linearised, price: Callable[[int], float], kept: tuple[str, 
     first, columns = screen.first, _columns(screen, kept)
     products, raw, known = screen.products[first:, first:], screen.raw[first:], 0.0
     if columns:
-        own, cross = screen.products[np.ix_(columns, columns)], screen.products[np.ix_(columns, range(first, len(screen.raw)))]
+        own, cross = (
+            screen.products[np.ix_(columns, columns)],
+            screen.products[np.ix_(columns, range(first, len(screen.raw)))],
+        )
         inverse = np.linalg.pinv(own, rcond=1e-9, hermitian=True)
         known = float(screen.raw[columns] @ inverse @ screen.raw[columns])
         products, raw = products - cross.T @ inverse @ cross, raw - cross.T @ inverse @ screen.raw[columns]
@@ -162,9 +166,13 @@ def _gains(
         if keep.sum() < 2:
             continue
         left = raw[later] - share * raw[k]
-        two, more = _pairs(rest[np.ix_(keep, keep)], left[keep], signs[later[keep]], names[later[keep]], np.arange(keep.sum()))
+        two, more = _pairs(
+            rest[np.ix_(keep, keep)], left[keep], signs[later[keep]], names[later[keep]], np.arange(keep.sum())
+        )
         for row in np.argsort(-more)[:20]:
-            found.append((float(raw[k] ** 2 / sizes[k] + more[row]), (int(k), *(int(later[keep][c]) for c in two[row]))))
+            found.append(
+                (float(raw[k] ** 2 / sizes[k] + more[row]), (int(k), *(int(later[keep][c]) for c in two[row])))
+            )
     for gain, three in sorted(found, reverse=True)[:KEPT]:
         matrix = products[np.ix_(three, three)]
         strength = _solved(matrix, raw[list(three)])

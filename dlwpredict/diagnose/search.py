@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.library.candidates import Bent
 from dlwpredict.diagnose.library.score import Linearised, Thresholds, thresholds
 from dlwpredict.diagnose.library.signatures import Signatures
 from dlwpredict.diagnose.posterior import Sets, Subset
@@ -64,7 +66,7 @@ class Search:
         """Refit sets that an earlier search, with another noise model, ended among."""
         starts = {self.names(fit.parameters): [Start(fit.parameters)] for fit in earlier}
         starts.pop(frozenset(), None)
-        self._refit(starts, {})
+        self._refit(starts, dict.fromkeys(starts, -np.inf), frozenset())
 
     def run(self) -> Names:
         """Return the names of the best set."""
@@ -73,10 +75,10 @@ class Search:
             sets = Sets.of(self.linearised(best), self.price)
             model, starts, promised = self.fitted[best], {}, {}
             for one in sets.leading(best, self.width_of_set(best)):
-                start = Start(self._start(model, sets, one), model)
-                if not self.fitter.has(start):
-                    starts[one.names], promised[one.names] = [start], sets.screen.cost - one.gain
-            self._refit(starts, promised)
+                begun = self._starts(model, sets, one)
+                if not self.fitter.has(begun[0]):
+                    starts[one.names], promised[one.names] = begun, sets.screen.cost - one.gain
+            self._refit(starts, promised, best)
             before, best = best, self.best()
             self.watch(best)
             if best == before:
@@ -116,7 +118,7 @@ class Search:
         if names not in self.signatures:
             objective = self.fitter.objective
             self.signatures[names] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers)
-        screen = Linearised.of(self.signatures[names], model, self.null)
+        screen = Linearised.of(self.signatures[names], model, self.null, self.fitter.objective)
         for k in np.argsort(np.abs(screen.z), kind="stable"):
             self.spread[screen.chosen[k].name] = float(screen.spread[k])
         self.spread |= dict(zip(screen.named, map(float, screen.named_spread), strict=True))
@@ -137,7 +139,7 @@ class Search:
         fewer = names - {name}
         if fewer not in self.fitted:
             model = self.fitted[names]
-            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]}, {fewer: -np.inf})
+            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]}, {fewer: -np.inf}, names)
         return self.fitted[fewer]
 
     def gain(self, names: Names, name: str) -> float:
@@ -158,26 +160,57 @@ class Search:
             return True
         return all(self.gain(names, name) >= self.needed(names, name) for name in names)
 
-    def _start(self, model: Fit, sets: Sets, subset: Subset) -> ParameterSet:
-        """Return where a refit of a set begins: the model without what leaves, with what comes in."""
+    def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
+        """Return where the refit of a set begins: the model without what leaves, with what comes in, the process
+        having answered to it as far as it bends.
+
+        Small, where tangents hold; and where one effect comes in, as large as it is typically: what the process has
+        taken most of is lowest far from where its tangent points.
+        """
         kept = lacking(model.parameters, [name for name in sets.screen.named if name not in subset.kept])
-        effects = []
-        for candidate, strength in sets.strengths(subset):
-            share = START_SHARE * float(np.clip(strength, -FARTHEST, FARTHEST))
-            effects.append(candidate.at(share if abs(share) > LEAST else LEAST * (np.sign(share) or 1.0)))
-        return joined(kept, effects, self.baseline.free)
+        strengths = sets.strengths(subset)
+        small = [START_SHARE * float(np.clip(a, -FARTHEST, FARTHEST)) for a in strengths]
+        small = [a if abs(a) > LEAST else LEAST * (np.sign(a) or 1.0) for a in small]
+        found = [self._at(kept, sets, subset, small)]
+        if len(subset.added) == 1:
+            large = [float(np.sign(a) * np.clip(abs(a), 1.0, FARTHEST)) for a in small]
+            found.append(self._at(kept, sets, subset, large))
+        return [Start(parameters, model) for parameters in found]
 
-    def _refit(self, starts: dict[Names, list[Start]], promised: dict[Names, float]) -> None:
+    def _at(self, kept: ParameterSet, sets: Sets, subset: Subset, shares: Sequence[float]) -> ParameterSet:
+        """Return a process with candidates at these strengths, in typical sizes."""
+        effects, moved = [], defaultdict(float)
+        for k, share in zip(subset.added, shares, strict=True):
+            candidate = sets.screen.chosen[k]
+            effects.append(candidate.at(share))
+            size = np.sqrt(max(share, 0.0)) if isinstance(candidate, Bent) else share
+            for name, change in sets.screen.answers[k].items():
+                moved[name] += size * change
+        process = joined(kept, effects, self.baseline.free)
+        free = self.fitter.free(process)
+        values = [value + moved[name] for name, value in zip(free.names, free.start, strict=True)]
+        return free.parameters(free.allowed(np.array(values)))
+
+    def _refit(self, starts: dict[Names, list[Start]], promised: dict[Names, float], beside: Names) -> None:
+        """Refit sets that were proposed beside the best one, with full care where they may matter.
+
+        In the place of an effect, one that comes near; as one more, one that may gain half of what it needs.
+        """
         keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
+        here = self.fitted[beside].cost
 
-        def reach(lowest: float) -> float:
-            least = min(lowest, *(fit.cost for fit in self.fitted.values()))
+        def limit(key: Key, costs: Mapping[Key, float]) -> float:
+            same = [cost for other, cost in costs.items() if len(keys[other]) == max(len(beside), 1)]
+            least = min([here, *same])
+            more = len(keys[key]) - max(len(beside), 1)
+            if more > 0:
+                return least - policy.HALF * (self.price(len(keys[key])) - self.price(len(keys[key]) - more))
             gain = max(self.baseline.cost - least, 0.0)
-            return least + policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+            reach = policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+            return least + (reach if beside else max(reach, policy.SHORT * gain))
 
-        known = {key: promised[names] for key, names in keys.items() if names in promised}
-        found = self.fitter.contest(list(starts.values()), known, reach)
-        for key, fit in found.items():
+        known = {key: promised[names] for key, names in keys.items() if not beside or len(names) <= len(beside)}
+        for key, fit in self.fitter.contest(list(starts.values()), known, limit).items():
             names = keys[key]
             if names not in self.fitted or fit.cost < self.fitted[names].cost:
                 self.fitted[names] = fit

@@ -21,6 +21,10 @@ GAIN = 0.1
 """A descent has converged when the next step promises less than this in the objective: a tenth of what one standard
 deviation of one parameter costs."""
 
+MISFIT = 1e-3
+"""... or than this share of what the residual exceeds its noise by: a model that lacks something need not be known to a
+standard deviation."""
+
 TRUSTED = 0.8
 """Share of the promised gain that must come true for the Jacobian to be updated by the secant, not computed anew."""
 
@@ -49,12 +53,13 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
     damping, fresh = 1e-6, not secant
     for _ in range(steps):
         vector, promised = _step(now, damping)
-        trial = _lower(objective, now, vector, damping) if promised >= gain else None
+        least = max(gain, MISFIT * (now.cost - now.rows.data))
+        trial = _lower(objective, now, vector, damping) if promised >= least else None
         if trial is None and not (fresh or secant):
             now, fresh = objective.differentiated(now), True
         elif trial is None:
             damping = max(100 * damping, LEAST_DAMPING)
-            if promised < gain or damping > MOST_DAMPING:
+            if promised < least or damping > MOST_DAMPING:
                 break
         else:
             fresh = not (secant or now.cost - trial.cost > TRUSTED * promised)

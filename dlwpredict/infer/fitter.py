@@ -19,13 +19,13 @@ from dlwpredict.infer.priors import WIDTH_SD
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
-QUICK_STEPS = 8
+QUICK_STEPS = 5
 """Steps of a quick fit, which has derivatives of its parent."""
 
 RIM = 1.0
 """The change on finer pixels is taken anew where a fit has moved it by more than this energy, in units of the noise."""
 
-REPIXELLED = 3
+REPIXELLED = 2
 """Times at most that it is."""
 
 FOCUS_MOVED = 0.03
@@ -91,19 +91,22 @@ class Fitter:
         return self.known[key]
 
     def contest(
-        self, models: Sequence[Sequence[Start]], promised: Mapping[Key, float], reach: Callable[[float], float]
+        self,
+        models: Sequence[Sequence[Start]],
+        promised: Mapping[Key, float],
+        limit: Callable[[Key, Mapping[Key, float]], float],
     ) -> dict[Key, Fit]:
-        """Fit several models; only those that come near the lowest cost are fitted with full care.
+        """Fit several models; only those that may matter are fitted with full care.
 
-        A model is near where its quick fit, or what it promises to first order, does not cost more than the reach.
+        A model matters where its quick fit, or what it promises to first order, does not cost more than its limit.
 
         Parameters
         ----------
         models : sequence of sequence of Start
         promised : mapping of model to float
             Cost to first order.
-        reach : function of the lowest cost
-            The highest cost that is near it.
+        limit : function of a model and the costs of all quick fits
+            The highest cost at which the model matters.
 
         Returns
         -------
@@ -111,16 +114,16 @@ class Fitter:
             Model to its best fit, or to its quick one.
         """
         starts = {key_of(self.free(own[0].parameters)): own for own in models}
-        self._converge({key: own for key, own in starts.items() if key not in self.known and " ".join(key) in self.stored})
+        kept = {key: own for key, own in starts.items() if key not in self.known and " ".join(key) in self.stored}
+        self._converge(kept)
         unknown = {key: own for key, own in starts.items() if key not in self.known and key not in self.quick}
         jobs = [(self._alone(), self.like, tuple(own)) for own in unknown.values()]
         for key, (found, spent) in zip(unknown, self.workers.each(_quick, jobs), strict=True):
             self.quick[key] = self._shared(found)
             self.objective.work.predictions += spent
         costs = {key: (self.known.get(key) or self.quick[key]).cost for key in starts}
-        limit = reach(min(costs.values(), default=np.inf))
-        near = {k: min(costs[k], promised.get(k, np.inf)) for k in starts if k not in self.known}
-        self._converge({key: starts[key] for key, cost in near.items() if cost <= limit})
+        hoped = {key: min(cost, promised.get(key, np.inf)) for key, cost in costs.items() if key not in self.known}
+        self._converge({key: starts[key] for key, cost in hoped.items() if cost <= limit(key, costs)})
         return {key: self.known.get(key) or self.quick[key] for key in starts}
 
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
@@ -174,7 +177,7 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     first = begun if begun is not None else _quick(objective, like, starts)[0]
     found = _converged(objective, first, like)
     if (other := _from_paper(found)) is not None:
-        again = objective.differentiated(objective.at(found.free, other, found))
+        again = objective.differentiated(repixelled(objective, objective.at(found.free, other, found)))
         found = min(found, _converged(objective, again, like, fresh=True), key=lambda one: one.cost)
     return found, objective.work.predictions
 
@@ -202,14 +205,22 @@ def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:
 
 
 def _from_paper(found: Fit) -> np.ndarray | None:
-    """Return the fit's vector with the seven at the paper's values, where a width is far from its prior; else None."""
+    """Return another place to begin, where a width came out far from its prior; else None.
+
+    The seven stand at the paper's values there, and effects have at least their typical size: a width goes far because
+    it answers to what an effect does, and an effect that it has taken the place of comes out small.
+    """
     seven = {name: default for name, (default, _) in declarations(Paper).items() if name in found.free.names}
     values = dict(zip(found.free.names, found.vector, strict=True))
     if all(abs(np.log(values[name] / seven[name])) < WIDTH_SD for name in seven if "fwhm" in name):
         return None
-    vector = found.vector.copy()
-    vector[[found.free.index(name) for name in seven]] = list(seven.values())
-    return found.free.allowed(vector)
+    values |= seven
+    for effect in found.parameters.effects:
+        for switch, typical in effect.switches().items():
+            name, off = f"{effect.name}.{switch}", declarations(effect)[switch][0]
+            if name in values and abs(values[name] - off) < abs(typical - off):
+                values[name] = off + abs(typical - off) * (np.sign(values[name] - off) or np.sign(typical - off))
+    return found.free.allowed(np.array(list(values.values())))
 
 
 def repixelled(objective: Objective, found: Fit) -> Fit:

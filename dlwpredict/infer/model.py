@@ -30,9 +30,7 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
     for effect in parameters.effects:
         on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
         shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
-        shapes = [
-            n for n in shapes if not levelled(type(effect), n) and any(matters(type(effect), s, n) for s in on)
-        ]
+        shapes = [n for n in shapes if not levelled(type(effect), n) and any(matters(type(effect), s, n) for s in on)]
         names += [f"{effect.name}.{n}" for n in (*on, *shapes)]
     return choose(parameters, free=names)
 

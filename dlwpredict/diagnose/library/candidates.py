@@ -21,6 +21,7 @@ SHAPES = (0.5, 1.0, 2.0)
 WAVES = (0.5, 0.625, 0.8, 1.0, 1.25, 1.6, 2.0)
 """Periods are tried closer: two waves are different columns where they differ by half a period over the map's relief."""
 
+
 @dataclass(frozen=True)
 class Candidate:
     """One effect with one switch and one shape: a direction in which the prediction could change.
@@ -70,6 +71,33 @@ class Candidate:
     def sign(self) -> int:
         """Sign of the strength, in typical sizes, that alone is physical; 0 where both are."""
         return self.one_sided * int(np.sign(self.unit))
+
+
+@dataclass(frozen=True)
+class Bent(Candidate):
+    """A candidate whose tangent the process takes, as a shift takes a lag and a wide focus a blur.
+
+    What is left of it grows about with the square of its size; strengths are such squares.
+
+    Parameters
+    ----------
+    direction : float
+        Sign of the switch's change from off, in typical sizes.
+    answer : tuple of (str, float)
+        By how much every parameter of the process moves in answer to the typical size.
+    """
+
+    direction: float = 1.0
+    answer: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def sign(self) -> int:
+        """Only what is left of it can be there."""
+        return 1
+
+    def at(self, share: float) -> Effect:
+        """Return the effect switched on to the root of a share."""
+        return super().at(self.direction * float(np.sqrt(max(share, 0.0))))
 
 
 def candidates(parameters: ParameterSet) -> list[Candidate]:

@@ -13,9 +13,10 @@ import numpy as np
 from scipy import linalg, special
 
 from dlwpredict.diagnose.library.candidates import Candidate
+from dlwpredict.diagnose.library.hidden import bent
 from dlwpredict.diagnose.library.signatures import Signatures
 from dlwpredict.infer.null import Null
-from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.objective import Fit, Objective
 
 SIMULATED = 2000
 """Draws of scores from which thresholds are known: a level of 2.5 % to a seventh of itself."""
@@ -49,6 +50,8 @@ class Linearised:
         Standard deviation that noise and numerical differences give along each column: 1 for exactly known noise.
     named_spread : numpy.ndarray, shape (named effects,)
         The same along what each named effect does.
+    answers : list of dict
+        By how much every parameter of the process answers to a typical size of each candidate.
     cost : float
         Of the process alone.
     """
@@ -63,15 +66,17 @@ class Linearised:
     whole: np.ndarray
     spread: np.ndarray
     named_spread: np.ndarray
+    answers: list[dict[str, float]]
     cost: float
 
     @classmethod
-    def of(cls, signatures: Signatures, model: Fit, null: Null) -> Linearised:
+    def of(cls, signatures: Signatures, model: Fit, null: Null, objective: Objective) -> Linearised:
         """Linearise about a model at (or very near) the place of the signatures."""
         named = tuple(signatures.done_um)
         own = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{one}.")] for one in named]
         process = [k for k in range(len(model.free.names)) if all(k not in some for some in own)]
-        tangents = _orthonormal(model.nuisances.beside(model.jacobian[:, process]))
+        moves = model.nuisances.beside(model.jacobian[:, process])
+        tangents = _orthonormal(moves)
 
         def beside(columns: np.ndarray) -> np.ndarray:
             left = model.nuisances.beside(columns)
@@ -89,10 +94,15 @@ class Linearised:
         residual = beside(model.residual + sum(done)) if done else beside(model.residual)
         columns = [beside(np.column_stack([d, model.jacobian[:, o]])) for d, o in zip(done, own, strict=True)]
         ends = np.cumsum([0, *(block.shape[1] for block in columns)])
-        left = beside(seen)
-        whole, lengths = np.linalg.norm(model.nuisances.beside(seen), axis=0), np.linalg.norm(left, axis=0)
-        real = lengths > LEAST_LENGTH * np.maximum(np.linalg.norm(seen, axis=0), 1e-12)
-        lengths = np.where(real, lengths, 0.0)
+        own_seen = model.nuisances.beside(seen)
+        left, whole = beside(seen), np.linalg.norm(own_seen, axis=0)
+        sizes = np.maximum(np.linalg.norm(moves, axis=0), 1e-12)
+        answers = -np.linalg.lstsq(moves / sizes, own_seen, rcond=1e-6)[0] / sizes[:, None]
+        hidden, more = bent(objective, model, process, signatures.chosen, answers, np.linalg.norm(left, axis=0), whole)
+        left, whole = np.column_stack([left, beside(more)]), np.append(whole, np.linalg.norm(more, axis=0))
+        lengths = np.linalg.norm(left, axis=0)
+        lengths = np.where(lengths > LEAST_LENGTH * np.maximum(whole, 1e-12), lengths, 0.0)
+        real = lengths > 0
         unit = left * np.where(real, 1 / np.where(real, lengths, 1), 0.0)
         own_units = [block / np.maximum(np.linalg.norm(block, axis=0), 1e-12) for block in columns]
         stacked = np.column_stack([*own_units, unit])
@@ -100,7 +110,7 @@ class Linearised:
         return cls(
             model,
             named,
-            signatures.chosen,
+            [*signatures.chosen, *hidden],
             tuple(slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False)),
             stacked.T @ stacked,
             stacked.T @ residual,
@@ -108,6 +118,8 @@ class Linearised:
             whole,
             spread[: unit.shape[1]],
             spread[unit.shape[1] :],
+            [dict(zip([model.free.names[k] for k in process], one, strict=True)) for one in answers.T]
+            + [dict(one.answer) for one in hidden],
             float(residual @ residual),
         )
 
