@@ -13,8 +13,8 @@ LEVEL_STRUCTURE = 0.025
 """Probability that noise alone is called structure without a name: the other half."""
 
 LEVEL_NEXT = 0.10
-"""Probability that noise alone names one more effect once one stands. Asking 2.5 % again costs ten points of pairs found
-for three points fewer of spurious thirds (measured on sets of 78 columns in 14 classes)."""
+"""Probability that noise alone names one more effect once one stands. Asking 2.5 % again costs ten points of pairs
+found for three points fewer of spurious thirds (measured on sets of 78 columns in 14 classes)."""
 
 # -- which sets are looked at -----------------------------------------------------------------
 MOST_EFFECTS = 3
@@ -64,10 +64,10 @@ EXPLAINED = 0.9
 """The named effects must explain this share of what forms without a name explain, where a remainder is significant."""
 
 POWER = 1.28
-"""Standard deviations above the threshold at which an effect is found nine times in ten: `not_testable` is one that does
-not reach them at the end of its range."""
+"""Standard deviations above the threshold at which an effect is found nine times in ten: `not_testable` is one that
+does not reach them at the end of its range."""
 
 SEEN, TAKEN = 5.0, 0.3
-"""An effect whose typical size stands out so many standard deviations with the process fixed, but of whose signature the
-process takes all but this share, has a second column: what is left of it beyond the tangents. A tenth of the energy is
-where the bend of a law counts as much as its tangent."""
+"""An effect whose typical size stands out so many standard deviations with the process fixed, but of whose signature
+the process takes all but this share, has a second column: what is left of it beyond the tangents. A tenth of the energy
+is where the bend of a law counts as much as its tangent."""

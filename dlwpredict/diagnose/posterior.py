@@ -1,6 +1,7 @@
 """Sets of effects: enumerate them to first order, say which to refit, and weigh those that were.
 
-A set costs its −2 ln L, with the priors of all that moves, and the threshold of its size (`Thresholds`). Its probability goes as exp(−cost/2).
+A set costs its −2 ln L, with the priors of all that moves, and the threshold of its size (`Thresholds`). Its
+probability goes as exp(−cost/2).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from dlwpredict.diagnose.library.score import Linearised, Thresholds, thresholds
 from dlwpredict.diagnose.library.signatures import Signatures
 from dlwpredict.diagnose.posterior import Sets, Subset
 from dlwpredict.infer.fitter import Fitter, Start
-from dlwpredict.infer.model import Key, effect_of, joined, key_of, lacking
+from dlwpredict.infer.model import Key, joined, key_of, lacking
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import ParameterSet
@@ -161,11 +161,10 @@ class Search:
         return all(self.gain(names, name) >= self.needed(names, name) for name in names)
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
-        """Return where the refit of a set begins: the model without what leaves, with what comes in, the process
-        having answered to it as far as it bends.
+        """Return where the refit of a set begins: the model without what leaves, with what comes in.
 
-        Small, where tangents hold; and where one effect comes in, as large as it is typically: what the process has
-        taken most of is lowest far from where its tangent points.
+        The process has answered to it to first order. Small, where tangents hold; and where one effect comes in, as
+        large as it is typically: what the process has taken most of is lowest far from where its tangent points.
         """
         kept = lacking(model.parameters, [name for name in sets.screen.named if name not in subset.kept])
         strengths = sets.strengths(subset)

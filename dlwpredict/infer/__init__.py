@@ -1,7 +1,7 @@
 """The estimator that calibration and diagnosis share.
 
-One objective: −2 ln L of whitened residuals plus declared priors. One descent. One `best(model)`, remembered by what the
-model is.
+One objective: −2 ln L of whitened residuals plus declared priors. One descent. One `best(model)`, remembered by what
+the model is.
 
     recording   one recording beside its target: points that count, nuisances that are free, working pixels
     free        parameters as a flat vector: names for the user, numbers for the optimiser

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -125,7 +126,7 @@ class _Linear:
     def of(cls, fitted: Fit) -> _Linear:
         rows, nuisances = fitted.rows, fitted.nuisances
         first = np.cumsum([fitted.jacobian.shape[1], *(above.shape[1] for above in nuisances.above)])
-        own = tuple(slice(int(a), int(b)) for a, b in zip(first, first[1:], strict=False))
+        own = tuple(slice(int(a), int(b)) for a, b in pairwise(first))
         matrix = np.zeros((rows.total, int(first[-1])))
         matrix[:, : first[0]] = fitted.jacobian
         for k, columns in enumerate(own):

@@ -1,8 +1,8 @@
 """95 % intervals of what was fitted.
 
 Three things spread an estimate: noise, its model being an estimate too; what two honest computations differ by; and
-priors where the data leave a direction open. Whatever the noise model says, blocks of the residual show how much scatter
-there is along an estimator (a sandwich: White, Econometrica 48, 817, 1980); the larger of both is taken.
+priors where the data leave a direction open. Whatever the noise model says, blocks of the residual show how much
+scatter there is along an estimator (a sandwich: White, Econometrica 48, 817, 1980); the larger of both is taken.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ def _sandwich(fitted: Fit, unit: np.ndarray) -> np.ndarray:
         fitted.data, fitted.rows.split(unit), fitted.rows.split(fitted.residual), strict=True
     ):
         used = item.recording.used
-        row, col = (np.minimum(place * BLOCKS // n, BLOCKS - 1) for place, n in zip(np.nonzero(used), used.shape))
+        row, col = (
+            np.minimum(place * BLOCKS // n, BLOCKS - 1) for place, n in zip(np.nonzero(used), used.shape, strict=True)
+        )
         sums = np.zeros((BLOCKS**2, unit.shape[1]))
         np.add.at(sums, row * BLOCKS + col, part * residual[:, None])
         found += np.sum(sums**2, axis=0)

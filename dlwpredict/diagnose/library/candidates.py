@@ -19,7 +19,7 @@ SHAPES = (0.5, 1.0, 2.0)
 """Lengths are tried at these multiples of their default, inside the declared range."""
 
 WAVES = (0.5, 0.625, 0.8, 1.0, 1.25, 1.6, 2.0)
-"""Periods are tried closer: two waves are different columns where they differ by half a period over the map's relief."""
+"""Periods are tried closer: two waves differ where they are half a period apart over the map's relief."""
 
 
 @dataclass(frozen=True)

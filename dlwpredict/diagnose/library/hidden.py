@@ -60,14 +60,15 @@ def bent(
             vector = model.vector.copy()
             vector[list(process)] += direction * answers[:, k]
             moved = (model.free.allowed(vector) - model.vector)[list(process)]
-            candidate = Bent(chosen[k].effect, chosen[k].switch, direction, tuple(zip(names, moved, strict=True)))
+            answer = tuple(zip(names, moved, strict=True))
+            candidate = Bent(chosen[k].effect, chosen[k].switch, direction, answer)
             columns.append(model.residual - answered(objective, model, candidate).residual)
             found.append(candidate)
     return found, np.stack(columns, axis=1) if columns else np.zeros((model.rows.total, 0))
 
 
 def answered(objective: Objective, model: Fit, candidate: Bent) -> Fit:
-    """Return the model with the candidate at its typical size, the process having answered; only nuisances are fitted."""
+    """Return the model with the candidate at its typical size, the process having answered; nuisances are fitted."""
     answer = dict(candidate.answer)
     pairs = zip(model.free.names, model.vector, strict=True)
     moved = model.free.allowed(np.array([value + answer.get(name, 0.0) for name, value in pairs]))

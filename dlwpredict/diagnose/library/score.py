@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy import linalg, special
@@ -111,7 +112,7 @@ class Linearised:
             model,
             named,
             [*signatures.chosen, *hidden],
-            tuple(slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False)),
+            tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
             stacked.T @ stacked,
             stacked.T @ residual,
             lengths,

@@ -58,7 +58,10 @@ class Signatures:
         maps = [change for change, _ in found]
         done = {}
         for name in named:
-            without = [trace(t, lacking(parameters, [name]), b.numerics, b) for t, b in zip(targets, fitted.traces)]
+            without = [
+                trace(t, lacking(parameters, [name]), b.numerics, b)
+                for t, b in zip(targets, fitted.traces, strict=True)
+            ]
             work.predictions += sum(one.work * share for one, share in zip(without, shares, strict=True))
             pairs = zip(fitted.traces, without, strict=True)
             done[name] = [np.nan_to_num(a.heights_um - b.heights_um) for a, b in pairs]

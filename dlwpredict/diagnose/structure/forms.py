@@ -11,7 +11,6 @@ import numpy as np
 from scipy import special
 
 from dlwpredict.diagnose.structure.freeform import free_forms
-from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
 
 SMALLEST = 1e-3
