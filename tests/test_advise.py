@@ -8,9 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from dlwpredict import designs
-from dlwpredict.calibrate.recordings import prepare
 from dlwpredict.cli.app import app
-from dlwpredict.diagnose.advise import (
+from dlwpredict.diagnose.answer.advise import (
     LEAST,
     MORE,
     SURE,
@@ -23,17 +22,20 @@ from dlwpredict.diagnose.advise import (
     turned,
     viewed,
 )
-from dlwpredict.diagnose.evidence import Whitened
-from dlwpredict.diagnose.fit import bare, fit
-from dlwpredict.diagnose.setups import Setup, new_designs
+from dlwpredict.diagnose.answer.setups import Setup, new_designs
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map
-from dlwpredict.flat import choose
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.objective import Nuisances, Objective
+from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.rows import Rows
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
-from dlwpredict.uneven import Uneven
 
 TRUTH = ParameterSet(paper=Paper(0.5, 1.6, 0.45, 6.0, 6.5, 0.72, 0.96))
 LAG, SLOPE = library()["galvo-lag"](lag_um=0.5), library()["slope-error"](signed_y_um=-0.4)
@@ -47,8 +49,12 @@ def fitted(noise_um):
     recording = target.with_heights(
         predict(target, TRUTH).heights_um + noise.simulate(target.shape, np.random.default_rng(0))
     )
-    data = [Whitened.of(bare(prepare(target, recording, name="air.tif")), Uneven(noise), np.zeros(target.shape))]
-    return fit(data, choose(TRUTH), iterations=2)
+    return fit((Whitened.of(doubted(prepare(target, recording, name="air.tif")), Uneven(noise)),), choose(TRUTH))
+
+
+def fit(data, free):
+    objective = Objective(data)
+    return descend(objective, objective.differentiated(objective.at(free, free.start)))
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +77,8 @@ def test_separation_is_what_one_joint_fit_cannot_imitate():
     rng = np.random.default_rng(1)
     columns = [rng.normal(size=(n, 5)) for n in (40, 30)]
     own = [np.linalg.qr(rng.normal(size=(n, 3)))[0] for n in (40, 30)]
-    found = separation(np.vstack([triangle_of(c, q) for c, q in zip(columns, own, strict=True)]), 3)
+    beside = [Nuisances(Rows((len(q),), (0,), 0), (q,), (np.zeros((0, 3)),)) for q in own]
+    found = separation(np.vstack([triangle_of(c, n) for c, n in zip(columns, beside, strict=True)]), 3)
     nuisances = np.zeros((70, 6))
     nuisances[:40, :3], nuisances[40:, 3:] = own
     stacked = np.vstack(columns)
@@ -132,8 +139,8 @@ def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
         for item in (old, new)
     ]
     start = replace(quiet.parameters, effects=(CURVATURE,))
-    refitted = fit(data, choose(start, free=[*quiet.free.names, "field-curvature.sag_um"]), iterations=12)
-    assert np.sqrt(refitted.chi2) == pytest.approx(expected.sd, rel=0.1)
+    refitted = fit(tuple(data), choose(start, free=[*quiet.free.names, "field-curvature.sag_um"]))
+    assert np.sqrt(refitted.cost) == pytest.approx(expected.sd, rel=0.1)
 
 
 @pytest.fixture(scope="module")

@@ -8,17 +8,17 @@ from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli.app import app
-from dlwpredict.cli.diagnose import cautions
-from dlwpredict.diagnose.columns import Columns
-from dlwpredict.diagnose.ripple import Ripple
-from dlwpredict.diagnose.spots import Spot
-from dlwpredict.diagnose.words import remainder
+from dlwpredict.cli.session import cautions
+from dlwpredict.diagnose.answer.words import kind_of_remainder, remainder
+from dlwpredict.diagnose.structure.columns import Columns
+from dlwpredict.diagnose.structure.ripple import Ripple
+from dlwpredict.diagnose.structure.spots import Spot
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.yaml_text import read_yaml
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.noise import Noise
+from dlwpredict.noise.covariance import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 
@@ -97,7 +97,16 @@ def test_content_has_the_keys_that_others_rely_on(dried):
     for finding in content["findings"]:
         assert {"effects", "side", "statement", "parameters", "p_value", "rmse_um", "holdout_rmse_um",
                 "separate_by"} <= set(finding)  # fmt: skip
+        assert sum(finding["members"].values()) == pytest.approx(1, abs=1e-3)
+        assert list(finding["members"]) == finding["effects"]
+        assert sum(finding["side_probability"].values()) == pytest.approx(1, abs=1e-3)
+        assert 0.5 < finding["probability"] <= 1
     assert {"significant", "rms_um", "p_value", "description"} <= set(content["remainder"])
+    assert content["remainder"]["kind"] in ("none", "smooth", "ripple", "spot", "columns")
+    assert content["complete"] is True and content["not_tried"] == []
+    assert content["working_pitch_um"] == PART["pitch_um"]
+    assert content["work"]["predictions"] > 50 and content["work"]["cpu_s"] > 1
+    assert [path.name for path in dried[0].glob("*.resume.json")] == []
 
 
 @pytest.mark.slow
@@ -126,7 +135,8 @@ def test_extended_file_predicts(folder, dried):
 def test_terminal_and_page(dried):
     out, found = dried
     lines = found.stdout.splitlines()
-    assert len(lines) <= 25
+    assert len(lines) <= 27  # two of them before it begins
+    assert "working pixels of 0.4 µm (as recorded); this takes" in lines[0]
     assert (out / "diagnosis.png").stat().st_size > 50_000
     assert "edge-drying" in found.stdout
     page = (out / "report.html").read_text(encoding="utf-8")
@@ -204,20 +214,21 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     assert "most of the mismatch has no name" in said
     (said,) = cautions(found, {"verdict": "identified", "remainder": rest})
     assert "left 0.0123 µm beyond noise" in said
+    assert "before it was complete" in cautions(found, {"verdict": "none", "complete": False, "remainder": rest})[0]
     assert cautions(found, {"verdict": "none", "remainder": {"significant": False, "rms_um": None}}) == []
 
 
 @pytest.mark.parametrize(
-    ("wave", "spot", "lines", "said"),
+    ("wave", "spot", "lines", "kind", "said"),
     [
-        (1e-3, 1e-99, 0.5, "A spot about 2.0 µm wide sits at x = 3.6, y = -3.2 µm in dust.tif"),
-        (1e-15, 1e-3, 0.5, "A ripple of period 4.6 µm runs at 18° to x in waves.tif"),
-        (1e-3, 1e-3, 1e-4, "Lines along y differ by 7.0 nm from one another in lines.tif"),
-        (0.0, 0.0, 0.5, "A spot about"),  # both surer than numbers can say: the one with more energy
-        (0.5, 0.5, 0.5, "9.0 nm of structure have no name"),
+        (1e-3, 1e-99, 0.5, "spot", "A spot about 2.0 µm wide sits at x = 3.6, y = -3.2 µm in dust.tif"),
+        (1e-15, 1e-3, 0.5, "ripple", "A ripple of period 4.6 µm runs at 18° to x in waves.tif"),
+        (1e-3, 1e-3, 1e-4, "columns", "Lines along y differ by 7.0 nm from one another in lines.tif"),
+        (0.0, 0.0, 0.5, "spot", "A spot about"),  # both surer than numbers can say: the one with more energy
+        (0.5, 0.5, 0.5, "smooth", "9.0 nm of structure have no name"),
     ],
 )
-def test_the_strangest_pattern_describes_what_is_left(wave, spot, lines, said):
+def test_the_strangest_pattern_describes_what_is_left(wave, spot, lines, kind, said):
     patterns = (
         Ripple(pair=0, period_um=4.6, angle_deg=18, excess=30, p_value=wave),
         Spot(pair=1, x_um=3.6, y_um=-3.2, fwhm_um=2, excess=400, p_value=spot),
@@ -225,4 +236,6 @@ def test_the_strangest_pattern_describes_what_is_left(wave, spot, lines, said):
     )
     model = SimpleNamespace(unexplained=True, patterns=patterns, structure_um=0.009)
     recordings = [SimpleNamespace(name=name) for name in ("waves.tif", "dust.tif", "lines.tif")]
-    assert remainder(SimpleNamespace(extended=model, recordings=recordings, named=())).startswith(said)
+    found = SimpleNamespace(extended=model, recordings=recordings, named=())
+    assert remainder(found).startswith(said)
+    assert kind_of_remainder(found) == kind

@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 
 from dlwpredict.designs import air, f
-from dlwpredict.diagnose.naming import Alternative, Named
-from dlwpredict.diagnose.words import statement
+from dlwpredict.diagnose.answer.classes import Member, Named
+from dlwpredict.diagnose.answer.words import statement
 from dlwpredict.effects import library
 from dlwpredict.files.parameters_yaml import parameters_as_dict
-from dlwpredict.noise import Noise
+from dlwpredict.noise.covariance import Noise
 from dlwpredict.pages.diagnosis import Evidence, PairMaps, parameter_rows, write_page
 from dlwpredict.pages.pictures import coarser, worst_place
 from dlwpredict.pages.terminal import lines
@@ -186,9 +186,33 @@ def test_what_is_likelier_than_the_effect_fitted_stands_in_its_place_not_in_its_
     text = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
     assert "In the place of dose-memory the fit loses, in 2 ln L: substrate-tilt -3.2" in text
     tilt = library()["substrate-tilt"](tilt_x_mrad=4.0)
-    named = Named(MEMORY, 50.0, 1e-6, None, None, (Alternative(tilt, -3.2, None),))
+    members = Member(tilt, 0.0, 0.6, None), Member(MEMORY, 3.2, 0.4, None)
+    named = Named(MEMORY, 50.0, 1e-6, 0.98765, None, None, members)
     assert named.names == memory["effects"]
-    assert statement(named, {}).endswith(" substrate-tilt would fit as well, or nearly.")
+    assert statement(named, {}).endswith(
+        " substrate-tilt would fit as well, or nearly. Probability that one of them is there: 99 %; of these: "
+        "substrate-tilt 60 %, dose-memory 40 %."
+    )
+
+
+def test_page_and_terminal_say_how_sure_and_how_far(tmp_path, maps):
+    content = ambiguous() | {"complete": False, "not_tried": ["curl", "z-drift"], "working_pitch_um": 0.4}
+    content["work"] = {"predictions": 412.3, "cpu_s": 33.2}
+    content["findings"][0] |= {
+        "probability": 0.98,
+        "members": {"dose-memory": 0.7, "substrate-tilt": 0.3},
+        "side_probability": {"print": 0.7, "measurement": 0.3},
+    }
+    page = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
+    said = " ".join(" ".join(lines(content)).split())
+    assert "side undecided, probability 98 %" in page
+    assert "probability 98 %: dose-memory 70 %, substrate-tilt 30 %; print 70 %, measurement 30 %)" in said
+    spent = "412 predictions, pixels of 0.4 µm"
+    assert "The search was not complete. Not tried: curl, z-drift." in page and spent in page
+    assert f"not complete ({spent}, 33 s of processor time); not tried: curl, z-drift" in said
+    whole = content | {"complete": True, "not_tried": []}
+    assert f"complete: {spent}, 33 s of processor time" in lines(whole)
+    assert "not complete" not in Reader(written(tmp_path / "whole.html", whole, maps)).text
 
 
 def test_without_its_own_sentence_the_verdict_makes_one(tmp_path, maps):

@@ -9,6 +9,15 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from dlwpredict.pages import words
 
+_FILTERS = (
+    *(words.length, words.significant, words.probability, words.percent, words.chance),
+    *(words.estimate, words.change),
+)
+_FUNCTIONS = (
+    *(words.sentence, words.separation, words.side, words.verdict, words.recording, words.left_out),
+    words.work,
+)
+
 
 @cache
 def template(name: str) -> Template:
@@ -20,8 +29,8 @@ def template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    for says in (words.length, words.significant, words.probability, words.percent, words.estimate, words.change):
+    for says in _FILTERS:
         environment.filters[says.__name__] = says
-    for says in (words.sentence, words.separation, words.side, words.verdict, words.recording, words.left_out):
+    for says in _FUNCTIONS:
         environment.globals[says.__name__] = says
     return environment.get_template(name)

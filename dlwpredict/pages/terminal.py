@@ -37,7 +37,19 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     state = "unexplained structure" if rest["significant"] else "no more than noise"
     size = f"{words.length(rest['rms_um'])}, {_p(rest['p_value'])}"
     said += _wrapped(f"remainder: {state} ({size}). {rest['description'] or ''}", most=2)
-    return said + _listed("not testable: ", content["not_testable"], most=2)
+    said += _progress(content)
+    return said + _listed("not testable: ", content["not_testable"], most=1 if "complete" in content else 2)
+
+
+def _progress(content: Mapping[str, Any]) -> list[str]:
+    """Return one line on how far the search has come, and what that took."""
+    took, spent = (content.get("work") or {}).get("cpu_s"), words.work(content)
+    spent += f", {took:.0f} s of processor time" if spent and took is not None else ""
+    if content.get("complete") is not False:
+        return _wrapped(f"complete: {spent}", most=1) if spent and "complete" in content else []
+    missing = content.get("not_tried") or []
+    head = f"not complete ({spent}); " if spent else "not complete; "
+    return _listed(f"{head}not tried: ", missing, most=1) if missing else _wrapped(head.rstrip("; "), most=1)
 
 
 def _change(content: Mapping[str, Any], key: str) -> str:
@@ -61,8 +73,9 @@ def _finding(number: int, finding: Mapping[str, Any]) -> list[str]:
         for effect, parameters in finding["parameters"].items()
         for name, parameter in parameters.items()
     ]
-    said = _wrapped(f"{number}. {' or '.join(finding['effects'])} ({words.side(finding)})", most=1)
-    said += _listed(indent, found, most=2 if first else 1)
+    head = f"{number}. {' or '.join(finding['effects'])} ({words.side(finding)}{_sureness(finding)})"
+    said = _wrapped(head, most=2 if first and _sureness(finding) else 1)
+    said += _listed(indent, found, most=3 - len(said) if first else 1)
     errors = [f"without it → with it: rmse {words.change(finding['rmse_um'])}"]
     if (outside := words.change(finding["holdout_rmse_um"])) != words.NONE:
         errors.append(f"left-out {outside}")
@@ -72,6 +85,11 @@ def _finding(number: int, finding: Mapping[str, Any]) -> list[str]:
         said += _wrapped(f"{indent}to tell apart: {by}", most=2)
         said += _command(command, indent)
     return said
+
+
+def _sureness(finding: Mapping[str, Any]) -> str:
+    said = words.sureness(finding)
+    return f", {said}" if said else ""
 
 
 def _command(command: str, indent: str) -> list[str]:

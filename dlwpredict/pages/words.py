@@ -122,6 +122,62 @@ def percent(share: float | None) -> str:
     return NONE if _absent(share) else f"{100 * share:.0f} %"
 
 
+def chance(share: float | None) -> str:
+    r"""Return a probability in per cent; what is nearly sure or nearly impossible is called no more than that.
+
+    Examples
+    --------
+    >>> chance(0.614), chance(0.99996), chance(0.0002)
+    ('61 %', '>\xa099.9 %', '<\xa00.1 %')
+    """
+    if _absent(share):
+        return NONE
+    if not 0.001 <= share <= 0.999:
+        return ">\xa099.9 %" if share > 0.5 else "<\xa00.1 %"
+    return f"{100 * share:.0f} %" if 0.01 <= share <= 0.99 else f"{100 * share:.1f} %"
+
+
+def sureness(finding: Mapping[str, Any]) -> str:
+    """Return how sure a finding is: of something of its class, of each member, of either side; empty if not known.
+
+    Examples
+    --------
+    >>> sureness({"effects": ["curl"], "side": "print", "probability": 0.98, "members": {"curl": 1.0}})
+    'probability 98 %'
+    >>> sides = {"print": 0.7, "measurement": 0.3}
+    >>> sureness({"side": "undecided", "probability": 0.98, "members": {"a": 0.7, "b": 0.3}, "side_probability": sides})
+    'probability 98 %: a 70 %, b 30 %; print 70 %, measurement 30 %'
+    """
+    if _absent(finding.get("probability")):
+        return ""
+    said = f"probability {chance(finding['probability'])}"
+    members = finding.get("members") or {}
+    if len(members) > 1:
+        said += ": " + ", ".join(f"{name} {chance(share)}" for name, share in members.items())
+    if finding["side"] == "undecided":
+        either = finding.get("side_probability") or {}
+        said += "".join(f"{', ' if k else '; '}{one} {chance(share)}" for k, (one, share) in enumerate(either.items()))
+    return said
+
+
+def work(content: Mapping[str, Any]) -> str:
+    """Return how many predictions a diagnosis took, and on which pixels; empty where it does not say.
+
+    Examples
+    --------
+    >>> work({"work": {"predictions": 327.4}, "working_pitch_um": [0.4, 0.25]})
+    '327 predictions, pixels of 0.4 and 0.25 µm'
+    """
+    spent, pitches = content.get("work") or {}, content.get("working_pitch_um")
+    said = []
+    if not _absent(spent.get("predictions")):
+        said.append(f"{spent['predictions']:.0f} predictions")
+    if pitches:
+        every = pitches if isinstance(pitches, list) else [pitches]
+        said.append(f"pixels of {' and '.join(f'{pitch:g}' for pitch in dict.fromkeys(every))} µm")
+    return ", ".join(said)
+
+
 def estimate(parameter: Mapping[str, Any]) -> str:
     """Return value, 95 % interval and unit of an estimated parameter; its keys are value, low, high, unit.
 

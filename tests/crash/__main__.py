@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from tests.crash.checks import full_disk, killed, read_only, two_at_once
-from tests.crash.commands import COMMANDS, inputs
+from tests.crash.commands import BETWEEN, COMMANDS, inputs
 from tests.crash.resume import resumed
 
 
@@ -26,7 +26,7 @@ def main() -> None:
                 print(f"batch, begun again: {dict(resumed(root / 'batch', asked.kills, asked.seed))}", flush=True)
                 continue
             words, began = COMMANDS[command], time.perf_counter()
-            found = killed(words, source, root / f"killed-{command}", asked.kills, asked.seed)
+            found = killed(words, source, root / f"killed-{command}", asked.kills, asked.seed, BETWEEN.get(command))
             told = ", ".join(f"{count} {what}" for what, count in sorted(found.items()))
             print(f"{command}: {told}; {time.perf_counter() - began:.0f} s", flush=True)
             try:

@@ -1,10 +1,11 @@
 """What must hold after a kill, on a full disk, in a read-only folder, and with two writers at once."""
 
 import os
+import re
 import shutil
 import subprocess
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,15 +13,35 @@ import numpy as np
 
 from tests.crash.kill import run
 
+Between = Mapping[str, Callable[[Path], bool]] | None
 OLD = b"the old output, which is no height map"
 
 
+SPENT = re.compile(rb"^  cpu_s: .*\n|\"cpu_s\": [\d.]+", re.MULTILINE)
+"""What is another one in every run."""
+
+
 def snapshot(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """Return the content of all files, but for the time that they took."""
+    return {str(path.relative_to(folder)): content_of(path) for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def killed(words: tuple[str, ...], source: Path, folder: Path, kills: int, seed: int) -> Counter:
-    """Kill a command at random moments of its writing; every output must be the old or the new one.
+def content_of(path: Path) -> bytes:
+    """Return the content of a file, but for the time that it took."""
+    content = path.read_bytes()
+    return SPENT.sub(b"", content) if path.suffix in (".yaml", ".json") else content
+
+
+def killed(
+    words: tuple[str, ...], source: Path, folder: Path, kills: int, seed: int, between: Between = None
+) -> Counter:
+    """Kill a command at random moments of its writing; every output must be the old or the new one, or one between.
+
+    Parameters
+    ----------
+    between : mapping, optional
+        By the name of an output that is written more than once, what tells a whole one; also of
+        files that the command removes at its end.
 
     Returns
     -------
@@ -32,7 +53,7 @@ def killed(words: tuple[str, ...], source: Path, folder: Path, kills: int, seed:
     AssertionError
         A broken output, a file of another name, or temporary files that the next run leaves.
     """
-    rng = np.random.default_rng(seed)
+    rng, between = np.random.default_rng(seed), between or {}
     given = snapshot(source)
     shutil.copytree(source, folder)
     times = []
@@ -50,10 +71,15 @@ def killed(words: tuple[str, ...], source: Path, folder: Path, kills: int, seed:
         status, _, _ = run((*words, "--overwrite"), folder, kill_after=rng.uniform(0, writing))
         found["killed" if status == -9 else "came to its end"] += 1
         for name in outputs:
-            content = (folder / name).read_bytes()
-            assert content in (OLD, new[name]), f"{name} is broken: {len(content)} bytes"
-            found["old" if content == OLD else "new"] += 1
+            content = content_of(folder / name)
+            known = content in (OLD, new[name]) or (name in between and between[name](folder / name))
+            assert known, f"{name} is broken: {len(content)} bytes"
+            found["old" if content == OLD else "new" if content == new[name] else "between"] += 1
         left = snapshot(folder).keys() - new.keys()
+        for name in left & between.keys():
+            assert between[name](folder / name), f"{name} is broken"
+            (folder / name).unlink()
+        left -= between.keys()
         assert all(Path(name).name.startswith(".dlwpredict-") for name in left), left
         found["temporary files left"] += len(left)
     status, said, _ = run((*words, "--overwrite"), folder)

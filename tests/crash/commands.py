@@ -1,5 +1,6 @@
 """Every command that writes, with all of its outputs, small enough to be run hundreds of times."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from dlwpredict import designs
 from dlwpredict.cli.commands import NAMES
 from dlwpredict.files import write_height_map
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.pages.records import read_record
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 
@@ -32,6 +34,14 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
     "export-stl": ("export-stl", "target.tif", "-o", "part.stl"),
 }
+BETWEEN = {
+    "diagnose": {
+        "diagnosis.yaml": lambda path: read_record(path)[0] == "diagnosis",
+        "diagnosis.resume.json": lambda path: "stored" in json.loads(path.read_text()),
+    }
+}
+"""Outputs that are written again and again while the work goes on, and what tells a whole one."""
+
 WRITE_NOTHING = {"effects", "verify"}
 OTHERS = {"batch", "report"}
 """Covered by tests of their own."""

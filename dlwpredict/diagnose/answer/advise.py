@@ -13,23 +13,27 @@ from functools import cache
 from itertools import groupby, permutations
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import ndimage
 
-from dlwpredict.calibrate.problem import STEP_OF_RANGE, STEP_OF_VALUE
-from dlwpredict.calibrate.recordings import WALL_PX, prepare
-from dlwpredict.calibrate.trace import trace
-from dlwpredict.diagnose.baseline import discretisation_um
-from dlwpredict.diagnose.evidence import NUISANCES, Whitened, nuisance_fit, prior_rows, stack, steepness
-from dlwpredict.diagnose.fit import Fit, bare
-from dlwpredict.diagnose.naming import FORM_ERROR
-from dlwpredict.diagnose.setups import Setup, setups_for
+from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.answer.setups import Setup, setups_for
 from dlwpredict.effects.base import Effect
-from dlwpredict.flat import Free
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.objective import STEP_OF_RANGE, STEP_OF_VALUE, Fit, Nuisances, Objective, registered
+from dlwpredict.infer.pixels import discretisation_um
+from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.rows import Rows
+from dlwpredict.infer.trace import trace
+from dlwpredict.infer.whitened import Whitened, steepness
 from dlwpredict.model.levels import Levels
-from dlwpredict.noise import FLOOR
+from dlwpredict.noise.covariance import FLOOR
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.uneven import Uneven
+from dlwpredict.walls import WALL_PX
+
+ALIKE = policy.FORM_ERROR**0.5
+"""Share of a signature by which its formula may be wrong; no two are told apart by less."""
 
 SURE = 5.0
 """Standard deviations at which two effects count as told apart; nothing dearer is then looked for ..."""
@@ -92,8 +96,8 @@ class Separation:
 
     @property
     def worth(self) -> float:
-        """At least 1 where the two count as told apart; no formula is trusted further than `FORM_ERROR`."""
-        return min(self.sd / SURE, self.share / FORM_ERROR)
+        """At least 1 where the two count as told apart; no formula is trusted further than `ALIKE`."""
+        return min(self.sd / SURE, self.share / ALIKE)
 
 
 def advise(fitted: Fit, members: Sequence[Effect], *, setups: Sequence[Setup] | None = None) -> Advice | None:
@@ -164,23 +168,23 @@ def _left(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0]
 
 
-def triangle_of(columns: np.ndarray, nuisances: np.ndarray | sparse.csr_array) -> np.ndarray:
-    """Return columns beside orthonormal nuisances as a triangle with the same scalar products."""
-    return np.linalg.qr(columns - nuisances @ (nuisances.T @ columns), mode="r")
+def triangle_of(columns: np.ndarray, nuisances: Nuisances) -> np.ndarray:
+    """Return columns beside nuisances as a triangle with the same scalar products."""
+    return np.linalg.qr(nuisances.beside(columns), mode="r")
 
 
 def present_columns(fitted: Fit, members: Sequence[Effect]) -> np.ndarray:
     """Return whitened derivatives and signatures on the present recordings, shape (rows, free + members)."""
     parameters, white = fitted.parameters, []
-    for k, (item, known) in enumerate(zip(fitted.data, fitted.point.traces, strict=True)):
+    for k, (item, known) in enumerate(zip(fitted.data, fitted.traces, strict=True)):
         changed = [trace(item.recording.target, _with(parameters, m), known.numerics, known) for m in members]
         white.append(fitted.seen(k, np.nan_to_num([new.heights_um - known.heights_um for new in changed])))
-    return np.column_stack([fitted.jacobian, stack(white, prior_rows(len(fitted.data)))])
+    return np.column_stack([fitted.jacobian, fitted.rows.stack(white)])
 
 
 def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool], np.ndarray]:
     """Return the function that simulates a setup, on rough pixels or not: its triangle, as of `present_columns`."""
-    parameters, vector = fitted.parameters, fitted.point.vector
+    parameters, vector = fitted.parameters, fitted.vector
     moved = [neighbour(fitted.free, vector, k) for k in range(len(vector))]
     widths = np.array([place[k] - vector[k] for k, place in enumerate(moved)])
     sets = [parameters, *(fitted.free.parameters(place) for place in moved), *(_with(parameters, m) for m in members)]
@@ -205,11 +209,8 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool],
         seen = np.stack([viewed(s, each, setup.view_turns) for s, each in zip(surfaces, sets, strict=True)])
         changes = np.nan_to_num(seen[1:] - seen[0])
         changes[: len(widths)] /= widths[:, None, None]
-        columns = item.white(changes)
-        nothing = np.zeros((1, len(NUISANCES)))
-        maps = item.white(item.nuisance_maps(np.nan_to_num(seen[0])))
-        nuisances = nuisance_fit([maps], [np.zeros(len(columns))], nothing)[2]
-        return triangle_of(stack([columns], prior_rows(1)), nuisances)
+        rows, nuisances = nuisances_of(item, np.nan_to_num(seen[0]))
+        return triangle_of(rows.stack([item.white(changes)]), nuisances)
 
     return simulate
 
@@ -223,9 +224,20 @@ def simulated(target: HeightMap, surface: HeightMap, fitted: Fit, rough: bool) -
     noise = on_pixels(item.noise, target)
     even = item.noise.even
     wall_px = max(round(WALL_PX * max(even.dx_um, even.dy_um) / max(target.dx_um, target.dy_um)), 1)
-    recording = bare(prepare(target, surface, wall_px=wall_px))
-    fine = np.zeros(target.shape) if rough else discretisation_um(recording, fitted.parameters)
-    return Whitened.of(recording, noise, fine, steepness(surface.heights_um, target))
+    recording = doubted(prepare(target, surface, wall_px=wall_px))
+    found = Whitened.of(recording, noise, steepness(surface.heights_um, target))
+    if rough:
+        return found
+    shown = viewed(surface, fitted.parameters, 0)
+    return replace(found, discretisation_um=discretisation_um(recording, fitted.parameters, shown))
+
+
+def nuisances_of(item: Whitened, shown_um: np.ndarray) -> tuple[Rows, Nuisances]:
+    """Return the rows of a single recording that shows just this, and its nuisances about it."""
+    measured = item.recording.target.with_heights(shown_um + item.discretisation_um)
+    item = replace(item, recording=replace(item.recording, measured=measured), shift_um=(0.0, 0.0))
+    rows, found = Objective((item,)).rows, registered(item, shown_um)
+    return rows, Nuisances(rows, (found.above,), (found.below,))
 
 
 def fewer_pixels(part: HeightMap, most: int) -> HeightMap:
@@ -296,7 +308,7 @@ def _pair(members: Sequence[Effect], apart: Separation) -> str:
 
 
 def _expected(apart: Separation) -> str:
-    small = f", but by only {100 * apart.share:.0f} % of the effect" if apart.share < FORM_ERROR else ""
+    small = f", but by only {100 * apart.share:.0f} % of the effect" if apart.share < ALIKE else ""
     return f"expected {_number(apart.sd)} standard deviations apart{small}"
 
 

@@ -2,32 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from dlwpredict.diagnose import words
-from dlwpredict.diagnose.competitor import LEVEL
-from dlwpredict.diagnose.library import Library
-from dlwpredict.diagnose.naming import Named, strengths
-from dlwpredict.diagnose.run import Diagnosis, Model
-from dlwpredict.diagnose.screen import POWER, Screen
+from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.answer import words
+from dlwpredict.diagnose.answer.classes import Named, strengths
+from dlwpredict.diagnose.library.score import Linearised, Thresholds
+from dlwpredict.diagnose.run import Diagnosis
+from dlwpredict.diagnose.structure.test import Model
 from dlwpredict.effects import library as every_effect
 from dlwpredict.effects.base import Effect
-from dlwpredict.flat import fittable
+from dlwpredict.infer.free import Free, fittable
+from dlwpredict.infer.noises import scale_um
+from dlwpredict.infer.recording import Recording
 
 FORMAT = "dlwpredict-diagnosis/1"
 
+Ends = Mapping[str, tuple[float, float]]
+"""95 % intervals by name."""
 
-def content_of(found: Diagnosis) -> dict[str, Any]:
-    """Return the content of diagnosis.yaml; commands and provenance are added by who knows them."""
-    findings = [_finding(found, item) for item in found.named]
-    blind = not_testable(found.library, found.screen) - {item.effect.name for item in found.named}
-    content = {
+
+def content_of(found: Diagnosis, profiled: Ends | None = None) -> dict[str, Any]:
+    """Return the content of diagnosis.yaml; commands, work and provenance are added by who knows them.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    profiled : mapping, optional
+        95 % intervals of the extended fit with their profiles, the last thing that takes time. Without them all
+        intervals are those of a straight line, and the answer is not complete.
+    """
+    finished = profiled is not None and found.complete
+    intervals = found.intervals(found.extended.fit).as_dict() if profiled is None else profiled
+    own = {item.effect.name for item in found.named}
+    blind = not_testable(found.screen, found.thresholds) - own
+    baseline = _model(found.baseline, found, intervals if found.baseline is found.extended else None)
+    return {
         "format": FORMAT,
         "verdict": found.verdict,
-        "sentence": words.sentence(found),
+        "complete": finished,
+        "sentence": words.sentence(found, finished=finished),
         "noise_um": _short(np.sqrt(np.mean([n.model.sigma_um**2 for n in found.noises]))),
         "noise_from": ", ".join(sorted({n.source for n in found.noises})),
         "noise": [
@@ -43,8 +60,8 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
             }
             for n in found.noises
         ],
-        "baseline": _model(found.baseline, found),
-        "extended": _model(found.extended, found),
+        "baseline": baseline,
+        "extended": _model(found.extended, found, intervals),
         "holdout_by": found.holdout_by,
         "locations": [
             {
@@ -57,55 +74,106 @@ def content_of(found: Diagnosis) -> dict[str, Any]:
             }
             for place in found.places
         ],
-        "findings": findings,
+        "findings": [_finding(found, item, intervals) for item in found.named],
         "remainder": {
             "significant": found.extended.unexplained,
+            "kind": words.kind_of_remainder(found),
             "rms_um": _short(found.extended.structure_um),
             "p_value": _short(found.extended.p_value),
             "explained_share": round(found.explained, 3),
             "description": words.remainder(found),
         },
         "tests": words.tests(found),
+        "not_tried": list(found.not_tried),
         "not_testable": sorted(blind),
-        "tested": sorted(set(every_effect()) - blind),
+        "tested": sorted(set(every_effect()) - blind - set(found.not_tried)),
     }
-    return content
 
 
-def _finding(found: Diagnosis, item: Named) -> dict[str, Any]:
+def untested(recordings: Sequence[Recording], predicted_um: Sequence[np.ndarray], free: Free) -> dict[str, Any]:
+    """Return the content before anything was fitted: the errors of the start, and that nothing was tested.
+
+    What stands for the noise is how much neighbouring points of a recording differ beyond what the prediction has them
+    differ by.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    predicted_um : sequence of numpy.ndarray, shape (rows, cols)
+        By the process that the diagnosis starts from.
+    free : Free
+        What a fit will move.
+    """
+    left = [np.where(r.used, r.measured.heights_um - p, np.nan) for r, p in zip(recordings, predicted_um, strict=True)]
+    values = np.concatenate([residual[np.isfinite(residual)] for residual in left])
+    steps = np.concatenate([np.diff(residual, axis=1).ravel() for residual in left])
+    steps = steps[np.isfinite(steps)]
+    units = fittable(free.base)
+    model = {
+        "rmse_um": _short(np.sqrt(np.mean(values**2))),
+        "holdout_rmse_um": None,
+        "parameters": {
+            name: {"value": _short(value), "low": None, "high": None, "unit": units[name].unit}
+            for name, value in zip(free.names, free.start, strict=True)
+        },
+    }
+    rest = {"significant": False, "kind": "none", "rms_um": None, "p_value": None, "explained_share": None}
+    return {
+        "format": FORMAT,
+        "verdict": "none",
+        "complete": False,
+        "sentence": words.UNTESTED,
+        "noise_um": _short(scale_um(steps) / np.sqrt(2) if steps.size else 1e-3),
+        "noise_from": "differences of neighbouring points, before any fit",
+        "baseline": model,
+        "extended": model,
+        "locations": [],
+        "findings": [],
+        "remainder": rest | {"description": words.UNTESTED},
+        "not_tried": sorted(every_effect()),
+        "not_testable": [],
+        "tested": [],
+    }
+
+
+def _finding(found: Diagnosis, item: Named, intervals: Ends) -> dict[str, Any]:
     model = found.extended.fit
-    intervals = found.null.intervals(model)
-    others = [(other.effect, found.null.intervals(other.fit)) for other in item.alternatives]
+    members = [(item.effect, intervals)]
+    members += [(other.effect, found.intervals(other.fit).as_dict()) for other in item.others]
     return {
         "effects": item.names,
         "side": words.side_of(item.names),
+        "probability": _share(item.probability),
+        "members": {member.effect.name: _share(member.probability) for member in item.members},
+        "side_probability": {side: _share(value) for side, value in item.sides.items()},
         "statement": words.statement(item, intervals),
-        "parameters": {effect.name: _strengths(effect, own) for effect, own in [(item.effect, intervals), *others]},
+        "parameters": {effect.name: _strengths(effect, own) for effect, own in members},
         "p_value": _short(item.p_value),
         "gain": _short(item.gain),
-        "alternatives": [{"name": other.effect.name, "loss": _short(other.loss)} for other in item.alternatives],
-        "rmse_um": {"before": _short(item.rest.rmse_um()), "after": _short(model.rmse_um())},
+        "alternatives": [{"name": other.effect.name, "loss": _short(other.loss)} for other in item.others],
+        "rmse_um": {"before": _short(item.reduced.rmse_um()), "after": _short(model.rmse_um())},
         "holdout_rmse_um": {
-            "before": _short(found.held_out_um(item.rest)),
+            "before": _short(found.held_out_um(item.reduced)),
             "after": _short(found.held_out_um(model)),
         },
         "separate_by": None,
     }
 
 
-def _strengths(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
-    found = strengths(effect, intervals)
+def _strengths(effect: Effect, intervals: Ends) -> dict[str, dict[str, Any]]:
     return {
-        name: {key: _short(v) if key != "unit" else v for key, v in values.items()} for name, values in found.items()
+        name: {key: _short(v) if key != "unit" else v for key, v in values.items()}
+        for name, values in strengths(effect, intervals).items()
     }
 
 
-def _model(model: Model, found: Diagnosis) -> dict[str, Any]:
+def _model(model: Model, found: Diagnosis, intervals: Ends | None = None) -> dict[str, Any]:
     fitted = model.fit
-    units, vector = fittable(fitted.parameters), fitted.point.vector
+    known = found.intervals(fitted).as_dict() if intervals is None else intervals
+    units = fittable(fitted.parameters)
     values = {
-        name: {"value": _short(vector[k]), "low": _short(low), "high": _short(high), "unit": units[name].unit}
-        for k, (name, (low, high)) in enumerate(found.null.intervals(fitted).items())
+        name: {"value": _short(value), "low": _short(low), "high": _short(high), "unit": units[name].unit}
+        for value, (name, (low, high)) in zip(fitted.vector, known.items(), strict=True)
     }
     return {
         "rmse_um": _short(fitted.rmse_um()),
@@ -114,14 +182,19 @@ def _model(model: Model, found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def not_testable(library: Library, scored: Screen) -> set[str]:
+def not_testable(screen: Linearised, asked: Thresholds) -> set[str]:
     """Return the effects that these data would miss more often than one time in ten, even at the end of their range."""
     largest: dict[str, float] = dict.fromkeys(every_effect(), 0.0)
-    for candidate, visible in zip(library.chosen, scored.visible, strict=True):
+    for candidate, visible in zip(screen.chosen, screen.visible, strict=True):
         declared = candidate.declaration
         reach = max(abs(declared.high - candidate.off), abs(declared.low - candidate.off)) / abs(candidate.unit)
         largest[candidate.name] = max(largest[candidate.name], float(visible * reach))
-    return {name for name, seen in largest.items() if seen < scored.threshold(LEVEL) + POWER}
+    return {name for name, seen in largest.items() if seen < np.sqrt(asked.first) + policy.POWER}
+
+
+def _share(value: float) -> float:
+    """Return a probability; what is nearly sure does not become certain by rounding."""
+    return float(f"{value:.4g}") if value < 0.9999 else float(min(value, 1.0))
 
 
 def _short(value: float | None) -> float | None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlwpredict.designs import KINDS
-from dlwpredict.diagnose.fit import Fit
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.objective import Fit
 
 MOST_PRESENT = 2
 """Of the present targets, those that show most of the class are varied."""
@@ -60,11 +60,9 @@ def setups_for(fitted: Fit, members: Sequence[Effect], columns: np.ndarray) -> l
 
 def telling(fitted: Fit, signatures: np.ndarray) -> list[int]:
     """Return the present recordings that show most of the members, at most `MOST_PRESENT`."""
-    basis = fitted.basis
-    own = signatures - basis @ (basis.T @ signatures)
+    own = fitted.beside(signatures)
     energy = np.sum((own / np.maximum(np.linalg.norm(own, axis=0), 1e-12)) ** 2, axis=1)
-    ends = np.cumsum([item.recording.points for item in fitted.data])
-    shares = [part.sum() for part in np.split(energy, ends)[: len(ends)]]
+    shares = [part.sum() for part in fitted.rows.split(energy)]
     return [int(k) for k in np.argsort(shares)[::-1][:MOST_PRESENT]]
 
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import get_args
 
-from dlwpredict.diagnose.finer import polished
-from dlwpredict.diagnose.fit import Fit, placed
-from dlwpredict.diagnose.naming import Named
-from dlwpredict.diagnose.refit import freed, rested
-from dlwpredict.diagnose.words import side_of
+from dlwpredict.diagnose.answer.classes import Member, Named
+from dlwpredict.diagnose.answer.words import side_of
 from dlwpredict.effects import library
-from dlwpredict.parallel import ALONE, Workers
-from dlwpredict.parameters import Process, Side, Undecided
+from dlwpredict.infer.fitter import Fitter, Start
+from dlwpredict.infer.model import joined, lacking
+from dlwpredict.infer.objective import Fit
+from dlwpredict.parameters import ParameterSet, Process, Side, Undecided
 
 
-def undecided(named: Sequence[Named], whole: Fit, workers: Workers = ALONE) -> Undecided | None:
+def undecided(named: Sequence[Named], whole: Fit, fitter: Fitter, *, refit: bool = True) -> Undecided | None:
     """Return the effects whose side is open, with the process that the data give if all of them are of one side.
 
     Everything that is fitted answers to which of two effects stands in a place, the seven as well: a process with one
@@ -27,8 +25,11 @@ def undecided(named: Sequence[Named], whole: Fit, workers: Workers = ALONE) -> U
     named : sequence of Named
         The strongest first.
     whole : Fit
-        The model that has them all, at rest.
-    workers : Workers
+        The model that has them all.
+    fitter : Fitter
+    refit : bool
+        Where several places are open at once; else, for an answer that is wanted now, their effects stand as each was
+        fitted beside the others.
 
     Returns
     -------
@@ -38,23 +39,20 @@ def undecided(named: Sequence[Named], whole: Fit, workers: Workers = ALONE) -> U
     either = [item for item in named if side_of(item.names) == "undecided"]
     if not either:
         return None
-    fits = [_on(side, either, whole, workers) for side in get_args(Side)]
-    processes = [Process(fitted.parameters.paper, fitted.parameters.effects) for fitted in fits]
+    found = [_on(side, either, whole, fitter, refit=refit) for side in get_args(Side)]
+    processes = [Process(one.paper, one.effects) for one in found]
     return Undecided(tuple(item.effect.name for item in either), *processes)
 
 
-def _on(side: Side, either: Sequence[Named], whole: Fit, workers: Workers) -> Fit:
-    """Return the model with the likeliest effect of this side in every open place, at rest."""
-    swaps = {}
+def _on(side: Side, either: Sequence[Named], whole: Fit, fitter: Fitter, *, refit: bool) -> ParameterSet:
+    """Return the process with the likeliest effect of this side in every open place."""
+    swaps: dict[str, Member] = {}
     for item in either:
-        name = next(name for name in item.names if library()[name].side == side)
-        if name != item.effect.name:
-            swaps[item.effect.name] = next(other for other in item.alternatives if other.effect.name == name)
-    if not swaps:
-        return whole
-    near = next(iter(swaps.values())).fit
-    known = {effect.name: effect for effect in near.parameters.effects}
-    known |= {other.effect.name: other.effect for other in swaps.values()}
-    effects = tuple(effect for name, effect in known.items() if name not in swaps)
-    free = freed(replace(near.parameters, effects=effects), near.free)
-    return polished(rested(placed(near.data, free, free.start, near.point), workers), workers)
+        likeliest = next(member for member in item.members if library()[member.effect.name].side == side)
+        if likeliest.effect.name != item.effect.name:
+            swaps[item.effect.name] = likeliest
+    if len(swaps) < 2:
+        return next((member.fit for member in swaps.values()), whole).parameters
+    members = {member.effect.name: member.effect for member in swaps.values()}
+    start = joined(lacking(whole.parameters, list(swaps)), list(members.values()), fitter.like)
+    return fitter.best(Start(start, whole)).parameters if refit else start

@@ -1,0 +1,462 @@
+"""One diagnosis from files to files: at any time there is a whole answer, and what it takes to go on from it."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dlwpredict.calibrate.words import cautions_of
+from dlwpredict.cli.anytime import Clock, Companion, cpu_s, end_workers, fingerprint
+from dlwpredict.cli.anytime import said as about
+from dlwpredict.cli.console import detail, progress_shown, say, warn
+from dlwpredict.cli.streams import tell as figures
+from dlwpredict.diagnose.answer.advise import advise
+from dlwpredict.diagnose.answer.content import FORMAT, content_of, untested
+from dlwpredict.diagnose.answer.sides import undecided
+from dlwpredict.diagnose.answer.words import listed
+from dlwpredict.diagnose.run import STAGES, Diagnosis, Stage, diagnose
+from dlwpredict.errors import InputError
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.atomic import write_text
+from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
+from dlwpredict.files.provenance import origin, with_cautions
+from dlwpredict.files.yaml_text import read_yaml, yaml_text
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.model import freed
+from dlwpredict.infer.objective import Work
+from dlwpredict.infer.pixels import working_factor
+from dlwpredict.infer.recording import Recording, check_points, coarser, prepare
+from dlwpredict.infer.trace import trace
+from dlwpredict.model.levels import Levels
+from dlwpredict.parallel import Workers
+from dlwpredict.parameters import ParameterSet
+
+PREDICTIONS = 600, 3000
+"""A diagnosis takes about as long as so many predictions of all recordings: half of it is predictions."""
+
+COLD_S = 1.0
+"""A first prediction that takes less is timed again: loading what it needs took part of it."""
+
+Files = Sequence[tuple[Path, Path]]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where the results go."""
+
+    output: Path
+    params_out: Path | None
+    maps: Path | None
+    report: Path | None
+    plot: Path | None
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A target and its recording.
+
+    Parameters
+    ----------
+    files : (Path, Path)
+    part : HeightMap
+        The target as it was read.
+    recording : Recording
+        On working pixels.
+    factor : int
+        Pixels of the file along each side of a working one.
+    """
+
+    files: tuple[Path, Path]
+    part: HeightMap
+    recording: Recording
+    factor: int
+
+    @classmethod
+    def read(cls, files: tuple[Path, Path], start: ParameterSet, wall_px: int, pitch_um: float | None) -> Pair:
+        """Read and check a pair."""
+        target, recording = files
+        part, measured = read_height_map(target), read_height_map(recording)
+        found = prepare(part, measured, name=str(recording), target_name=str(target), wall_px=wall_px)
+        factor = working_factor(part, start, pitch_um)
+        detail(f"{recording}: {found.points} points count, {factor} × {factor} pixels make one")
+        return cls(files, part, coarser(found, factor), factor)
+
+    @property
+    def pitch_um(self) -> float:
+        """Pitch of the working pixels, the larger where it is not the same along x and y."""
+        return max(self.recording.target.dx_um, self.recording.target.dy_um)
+
+    def fine(self, values: np.ndarray) -> HeightMap:
+        """Return values on the pixels of the file."""
+        spread = np.kron(values, np.ones((self.factor, self.factor)))
+        return self.part.with_heights(spread[: self.part.shape[0], : self.part.shape[1]])
+
+
+def is_unfinished(output: Path) -> bool:
+    """Tell whether an output is a diagnosis that was interrupted: a run that goes on may replace it."""
+    if Companion.beside(output).path.exists():
+        return True
+    try:
+        content = read_yaml(output)
+    except InputError:
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT and content.get("complete") is False
+
+
+@dataclass(eq=False)
+class Session:
+    """A diagnosis that goes on.
+
+    Parameters
+    ----------
+    pairs : list of Pair
+    start : ParameterSet
+    holdout : list of Recording
+    repeats : list of list of HeightMap
+        Of every pair.
+    seed : int
+    outputs : Outputs
+    companion : Companion
+    processes : int
+    work : Work
+    content : dict
+        Of diagnosis.yaml as it stands; empty before there is any.
+    best : Diagnosis or None
+        What the content says.
+    process : ParameterSet or None
+        With the effects found, once the search is complete.
+    finished : bool
+    """
+
+    pairs: list[Pair]
+    start: ParameterSet
+    holdout: list[Recording]
+    repeats: list[list[HeightMap]]
+    seed: int
+    outputs: Outputs
+    companion: Companion
+    processes: int = 1
+    work: Work = field(default_factory=Work)
+    content: dict[str, Any] = field(default_factory=dict)
+    best: Diagnosis | None = None
+    process: ParameterSet | None = None
+    finished: bool = False
+    _expected_s: float = 0.0
+    _cpu_s: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        pairs: Files,
+        outputs: Outputs,
+        parameters: Path | None,
+        *,
+        holdout: Files,
+        repeats: Files,
+        wall_px: int,
+        pitch_um: float | None,
+        seed: int,
+    ) -> Session:
+        """Read and check everything."""
+        begun, start = cpu_s(), read_parameters(parameters)
+        read = [Pair.read(files, start, wall_px, pitch_um) for files in pairs]
+        kept = [Pair.read(files, start, wall_px, pitch_um).recording for files in holdout]
+        again = _repeats(read, repeats)
+        check_points([one.recording for one in read])
+        used = [file for files in (*pairs, *holdout, *repeats) for file in files] + ([parameters] if parameters else [])
+        counts = [len(pairs), len(holdout), len(repeats), parameters is not None]
+        repeated = [[str(a.resolve()) for _, a in pairs].index(str(one.resolve())) for one, _ in repeats]
+        known = {"wall_px": wall_px, "working_pitch_um": pitch_um, "seed": seed, "counts": counts, "repeats": repeated}
+        companion = replace(Companion.beside(outputs.output), fingerprint=fingerprint(used, known))
+        return cls(read, start, kept, again, seed, outputs, companion, _cpu_s=begun)
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """All of them."""
+        return [one.recording for one in self.pairs]
+
+    def begin(self, processes: int, *, resume: bool) -> None:
+        """Take up what an interrupted run has left, say how long it may take, and write an answer that knows nothing.
+
+        An answer that the interrupted run has left says more: it stays.
+        """
+        self.processes, output = processes, self.outputs.output
+        free = freed(self.start, choose(self.start))
+        if resume and self.companion.read():
+            fits = sum(len(own) for own in self.companion.stored.values())
+            say(f"going on with {fits} fits of {self.companion.path}")
+            if output.exists():
+                self.content = read_yaml(output)
+        elif resume:
+            say(f"begins afresh: there is no {self.companion.path}")
+        predicted, one_s = _timed(self.recordings, self.start)
+        self._expected_s = one_s * np.mean(PREDICTIONS) / processes
+        low, high = (about(one_s * count / processes) for count in PREDICTIONS)
+        say(f"{_pixels(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
+        if not self.content:
+            self.content = self._completed(untested(self.recordings, predicted, free))
+            self._write_answer()
+        self.companion.write()
+
+    def search(self, *, advice: bool) -> None:
+        """Diagnose, keeping every answer on the way."""
+        with _progress(self._expected_s) as tell, Workers(self.processes, diagnose.__module__) as workers:
+            try:
+                found = diagnose(
+                    self.recordings,
+                    self.start,
+                    repeats=self.repeats,
+                    holdout=self.holdout,
+                    seed=self.seed,
+                    tell=tell,
+                    keep=self.keep,
+                    workers=workers,
+                    work=self.work,
+                    stored=self.companion.stored,
+                )
+                tell(Stage("judgement", 0.95, "intervals, and what to record next"))
+                profiled = found.intervals(found.extended.fit, profiles=True).as_dict()
+                content = content_of(found, profiled)
+                if advice:
+                    _advised(found, content)
+                self.process = extended(found, profiled) if self.outputs.params_out else None
+                self.best, self.content, self.finished = found, self._completed(content), True
+            except KeyboardInterrupt:
+                end_workers()
+                raise
+
+    def keep(self, found: Diagnosis) -> None:
+        """Write an answer that is valid already, unless it says less than the one that stands."""
+        self.companion.write()
+        if not (found.named or found.complete) and self.content.get("findings"):
+            return
+        first, self.best = self.best is None, found
+        self.content = self._completed(content_of(found))
+        self._write_answer()
+        if first and self.outputs.maps:
+            write_maps(self.outputs.maps, found, self.pairs)
+
+    def close(self, cause: str) -> None:
+        """Write all outputs of the best answer, and say what it is; the answer itself comes last.
+
+        Parameters
+        ----------
+        cause : str
+            What has ended the search before it was finished; empty where nothing has.
+        """
+        found, outputs = self.best, self.outputs
+        if found:
+            if outputs.maps:
+                write_maps(outputs.maps, found, self.pairs)
+            if outputs.report:
+                write_report(outputs.report, found, self.content, self.pairs)
+            if outputs.plot:
+                self._draw(found)
+            if outputs.params_out:
+                process = self.process or extended(found)
+                stated = with_cautions(cautions(found, self.content))
+                write_parameters(outputs.params_out, replace(process, provenance=stated))
+            self._write_answer()
+        if self.finished:
+            self.companion.remove()
+        elif self.content:
+            self.companion.write()
+        figures(self.content)
+        from dlwpredict.pages.terminal import lines
+
+        for line in lines(self.content) if self.content else ():
+            say(line)
+        if not self.finished:
+            warn(self._unfinished(cause))
+
+    def _unfinished(self, cause: str) -> str:
+        """Say in one line what has not been tried."""
+        names = self.content.get("not_tried", [])
+        tried = listed(names) if names else "the last steps of a search that has settled"
+        if found := self.best:
+            tried = tried if names or found.complete else "whether the sets of effects that were refitted stay"
+        return f"ended by {cause}; not tried: {tried}; the same command with --resume goes on from here"
+
+    def _completed(self, content: dict[str, Any]) -> dict[str, Any]:
+        """Return content with what a diagnosis does not know of itself."""
+        pitches = [float(f"{one.pitch_um:.6g}") for one in self.pairs]
+        return content | {
+            "working_pitch_um": pitches[0] if len(set(pitches)) == 1 else pitches,
+            "work": {"predictions": round(self.work.predictions, 1), "cpu_s": round(cpu_s() - self._cpu_s, 1)},
+            "recordings": [str(one.files[1]) for one in self.pairs],
+            "provenance": origin(),
+        }
+
+    def _write_answer(self) -> None:
+        write_text(self.outputs.output, yaml_text(self.content))
+
+    def _draw(self, found: Diagnosis) -> None:
+        from dlwpredict import plots
+
+        rows = [
+            (str(one.files[1]), one.recording.target, *maps_of(found, k).values()) for k, one in enumerate(self.pairs)
+        ]
+        plots.save(self.outputs.plot, plots.diagnosis(rows, caption=self.content["sentence"]))
+
+
+def extended(found: Diagnosis, profiled: Mapping[str, tuple[float, float]] | None = None) -> ParameterSet:
+    """Return the process with the effects found; where a side is open, with the process on either.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    profiled : mapping, optional
+        Intervals of the fit; without them the answer is wanted now, and nothing is fitted any more.
+    """
+    fitted, now = found.extended.fit, profiled is None
+    either = undecided(found.named, fitted, found.fitter, refit=not now)
+    ends = found.intervals(fitted).as_dict() if now else dict(profiled)
+    return replace(fitted.parameters, undecided=either, intervals=ends)
+
+
+def cautions(found: Diagnosis, content: dict[str, Any]) -> list[str]:
+    """Say what should be known wherever the extended process is used."""
+    rest, said = content["remainder"], []
+    if not content.get("complete", True):
+        said.append("the diagnosis was ended before it was complete: other effects may explain the recordings better")
+    if content["verdict"] == "unexplained":
+        said.append("the diagnosis is 'unexplained': most of the mismatch has no name, and its effects stand in for it")
+    elif rest["significant"]:
+        said.append(f"the diagnosis left {rest['rms_um']:.3g} µm beyond noise that no named effect explains")
+    return said + cautions_of(found.recordings)
+
+
+def _timed(recordings: Sequence[Recording], start: ParameterSet) -> tuple[list[np.ndarray], float]:
+    """Predict all recordings once; return the heights, µm, and the seconds that it takes."""
+    for _ in range(2):
+        begun = time.perf_counter()
+        found = [trace(one.target, start, Levels()).heights_um for one in recordings]
+        took = time.perf_counter() - begun
+        if took > COLD_S:
+            break
+    return found, took
+
+
+def _pixels(pairs: Sequence[Pair]) -> str:
+    """Say on which pixels the recordings are worked."""
+    kinds = dict.fromkeys((one.factor, one.pitch_um) for one in pairs)
+    each = [f"{p:.3g} µm ({'as recorded' if f == 1 else f'{f} × {f} recorded ones'})" for f, p in kinds]
+    return f"working pixels of {' and '.join(each)}"
+
+
+def _repeats(pairs: Sequence[Pair], repeats: Files) -> list[list[HeightMap]]:
+    """Return the repeats of every recording, on its pixels.
+
+    Raises
+    ------
+    InputError
+        A repeat names a recording that stands in no pair, or has another grid.
+    """
+    found: list[list[HeightMap]] = [[] for _ in pairs]
+    known = {one.files[1].resolve(): k for k, one in enumerate(pairs)}
+    for recording, again in repeats:
+        if recording.resolve() not in known:
+            raise InputError("stands in no --pair", where=recording, key="--repeat", allowed="a recording of a --pair")
+        k = known[recording.resolve()]
+        repeated = prepare(pairs[k].part, read_height_map(again), name=str(again), target_name=str(pairs[k].files[0]))
+        found[k].append(coarser(repeated, pairs[k].factor).measured)
+    return found
+
+
+def _advised(found: Diagnosis, content: dict[str, Any]) -> None:
+    """Add to every class the recording that would tell its members apart."""
+    for item, finding in zip(found.named, content["findings"], strict=True):
+        if len(item.members) > 1:
+            advice = advise(found.baseline.fit, [member.effect for member in item.members])
+            finding["separate_by"] = advice.sentence if advice else None
+            finding["separate_command"] = advice.command if advice else None
+
+
+def maps_of(found: Diagnosis, k: int) -> dict[str, np.ndarray]:
+    """Return the maps of a pair, µm and shares, NaN where nothing counts, shape (rows, cols)."""
+    used = found.recordings[k].used
+    residual, remainder = found.baseline.fit.residual_um(k), found.extended.fit.residual_um(k)
+    return {
+        "residual": residual,
+        "mismatch": np.where(used, found.mismatch[k], np.nan),
+        "explained": residual - remainder,
+        "remainder": remainder,
+    }
+
+
+def write_maps(folder: Path, found: Diagnosis, pairs: Sequence[Pair]) -> None:
+    """Write the maps of all pairs on the pixels of their files, all of them or none."""
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}") as temporary:
+        for k, pair in enumerate(pairs):
+            for name, values in maps_of(found, k).items():
+                write_height_map(Path(temporary) / f"{name}_{k}.tif", pair.fine(values))
+        folder.mkdir(exist_ok=True)
+        for file in sorted(Path(temporary).iterdir()):
+            shutil.move(file, folder / file.name)
+
+
+def write_report(path: Path, found: Diagnosis, content: dict[str, Any], pairs: Sequence[Pair]) -> None:
+    """Write the diagnosis as one HTML page."""
+    from dlwpredict.pages.diagnosis import PairMaps, write_page
+
+    pictures = []
+    for k, pair in enumerate(pairs):
+        item, shown = found.recordings[k], maps_of(found, k)
+        measured = item.measured.with_heights(np.where(item.used, item.measured.heights_um, np.nan))
+        pictures.append(
+            PairMaps(
+                str(pair.files[1]),
+                item.target,
+                measured,
+                found.baseline.fit.predicted_um(k),
+                found.extended.fit.predicted_um(k),
+                shown["residual"],
+                shown["explained"],
+                shown["remainder"],
+                found.mismatch[k],
+            )
+        )
+    write_page(path, content, pictures, command=content["provenance"]["command"], evidence=_evidence(found))
+
+
+def _evidence(found: Diagnosis) -> list:
+    """Return the best score of every switch of every effect, the strongest first."""
+    from dlwpredict.pages.diagnosis import Evidence
+
+    screen, best = found.screen, {}
+    scores, amplitudes, visible = screen.z, screen.amplitude, screen.visible
+    for k in np.argsort(-np.abs(scores), kind="stable"):
+        candidate = screen.chosen[k]
+        name = f"{candidate.name}.{candidate.switch}"
+        if name not in best:
+            strength = candidate.off + amplitudes[k] * candidate.unit
+            unit = "" if candidate.declaration.unit == "1" else f" {candidate.declaration.unit}"
+            threshold, seen = float(np.sqrt(found.thresholds.first)), float(visible[k])
+            best[name] = Evidence(name, float(scores[k]), threshold, f"{strength:.3g}{unit}", seen)
+    return list(best.values())
+
+
+@contextmanager
+def _progress(expected_s: float) -> Iterator[Callable[[Stage], None]]:
+    """Say what goes on: on a terminal in one line that goes away, with ``--verbose`` line by line."""
+    clock = Clock(expected_s)
+
+    def step(stage: Stage) -> None:
+        detail(clock.step(f"stage {stage.number} of {len(STAGES)}: {stage.text}", stage.share))
+
+    if not progress_shown():
+        yield step
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(clock):
+        yield step
