@@ -18,12 +18,12 @@ LAYERS = [
     {"parameters"},
     {"rasterise", "bisection", "walls"},
     {"smoothing", "interpolation", "missing", "mesh", "noise", "score", "transfer", "parallel"},
-    {"uneven"},
-    {"model", "designs", "whitening"},
+    {"model", "designs"},
     {"effects"},
-    {"process", "flat"},
-    {"align", "calibrate", "precompensate"},
-    {"diagnose"},
+    {"process"},
+    {"align", "precompensate"},
+    {"infer"},
+    {"calibrate", "diagnose"},
     {"files"},
     {"batch"},
     {"tiling"},
@@ -32,6 +32,17 @@ LAYERS = [
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+
+DIAGNOSE = [
+    {"policy"},
+    {"library", "structure", "taken_up"},
+    {"posterior"},
+    {"search"},
+    {"answer.classes"},
+    {"run"},
+    {"answer"},
+]
+"""What a diagnosis consists of: `run` needs the classes, and what says it in words needs `run`."""
 
 EXCEPTIONS = {
     ("cli.app", ""): "shows the program's version",
@@ -74,6 +85,32 @@ def test_imports_point_downwards(path):
     for other in imports_of(path) - {own}:
         if (".".join(parts), other) not in EXCEPTIONS:
             assert LEVEL[other] < LEVEL[own], f"{'.'.join(parts)} imports {other}, which stands no lower"
+
+
+def of_diagnosis(name: str) -> int:
+    """Return the layer of a module inside `diagnose`, that of its longest known prefix."""
+    parts = name.split(".")
+    known = {part: level for level, parts in enumerate(DIAGNOSE) for part in parts}
+    return next(known[start] for n in (2, 1) if (start := ".".join(parts[:n])) in known)
+
+
+def inner_imports_of(path: Path) -> set[str]:
+    """Return the modules of `diagnose` that a file imports from."""
+    nodes = (node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom))
+    found = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names}
+    return {name.removeprefix("dlwpredict.diagnose.") for name in found if name.startswith("dlwpredict.diagnose.")}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "diagnose").rglob("[!_]*.py")), ids=lambda path: path.stem)
+def test_imports_inside_the_diagnosis_point_one_way(path):
+    own = ".".join(path.relative_to(ROOT / "diagnose").with_suffix("").parts)
+    for other in inner_imports_of(path):
+        beside = of_diagnosis(other) == of_diagnosis(own) and other.split(".")[0] == own.split(".")[0]
+        assert of_diagnosis(other) < of_diagnosis(own) or beside, f"{own} imports {other}, which stands no lower"
+
+
+def test_what_is_inferred_knows_nothing_of_who_asks():
+    assert not {"calibrate", "diagnose"} & set().union(*(imports_of(path) for path in (ROOT / "infer").rglob("*.py")))
 
 
 def test_every_part_has_a_layer():

@@ -1,0 +1,301 @@
+"""Sets of effects: the enumeration against brute force, what is refitted, what is named, and how wide classes are."""
+
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.answer.classes import named_in, strengths
+from dlwpredict.diagnose.library.candidates import Bent, Candidate
+from dlwpredict.diagnose.library.score import Linearised, Thresholds
+from dlwpredict.diagnose.posterior import Sets, Subset
+from dlwpredict.diagnose.search import FARTHEST, LEAST, START_SHARE, Search
+from dlwpredict.effects import library
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.model import freed
+from dlwpredict.parameters import ParameterSet
+
+THRESHOLDS = Thresholds(12.0, 7.0, 5.0)
+
+
+def price(effects):
+    return THRESHOLDS.first + (effects - 1) * THRESHOLDS.next if effects else 0.0
+
+
+def screen_of(columns, residual, names=None, signs=None, named=(), own=0, answers=None):
+    """Return columns of length 1 beside the process; the first `own` of them belong to the named effect."""
+    columns = columns / np.linalg.norm(columns, axis=0)
+    count = columns.shape[1] - own
+    names = names or [f"effect-{k}" for k in range(count)]
+    signs = [0] * count if signs is None else signs
+    chosen = [SimpleNamespace(name=name, sign=sign) for name, sign in zip(names, signs, strict=True)]
+    one = np.ones(count)
+    return Linearised(
+        None, named, chosen, (slice(0, own),) if named else (), columns.T @ columns, columns.T @ residual, one, one,
+        one, np.ones(len(named)), answers or [{} for _ in chosen], float(residual @ residual),
+    )  # fmt: skip
+
+
+def brute_force(screen):
+    """Return the gain of every allowed set of up to three columns of different effects, by least squares."""
+    found = {}
+    for size in (1, 2, 3):
+        for own in combinations(range(len(screen.chosen)), size):
+            columns = list(own)
+            strength = np.linalg.solve(screen.products[np.ix_(columns, columns)], screen.raw[columns])
+            signs = screen.signs[columns]
+            allowed = (signs == 0) | (np.sign(strength) == signs)
+            if len({screen.names[k] for k in own}) == size and allowed.all():
+                found[own] = float(strength @ screen.raw[columns])
+    return found
+
+
+def toy(seed, **kinds):
+    """Return 12 columns of 60 rows, three of them there."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(60, 12)) + 0.7 * rng.normal(size=(60, 1))
+    return screen_of(columns, columns[:, [1, 4, 9]] @ [0.5, -0.7, 0.6] + rng.normal(size=60), **kinds)
+
+
+class TestEnumeration:
+    @pytest.mark.parametrize("seed", range(4))
+    def test_is_that_of_brute_force(self, seed):
+        signs = np.random.default_rng(seed).integers(-1, 2, 12)
+        names = [f"effect-{k // 2}" for k in range(12)]  # two shapes each
+        screen = toy(seed, names=names, signs=list(signs))
+        best = {}
+        for own, gain in brute_force(screen).items():
+            key = frozenset(screen.names[k] for k in own)
+            best[key] = max(best.get(key, 0.0), gain)
+        costs = sorted((screen.cost - gain + price(len(key)), sorted(key)) for key, gain in best.items())
+        costs = sorted([*costs, (screen.cost, [])])[:12]
+        found = [(one.cost, sorted(one.names)) for one in Sets.of(screen, price).ranked[:12]]
+        assert [names for _, names in found] == [names for _, names in costs]
+        np.testing.assert_allclose([cost for cost, _ in found], [cost for cost, _ in costs])
+
+    def test_opposed_effects_that_mask_each_other_are_found(self):
+        """Alone each explains a gain of 5; together 100, more than any other pair."""
+        rng = np.random.default_rng(0)
+        columns, _ = np.linalg.qr(rng.normal(size=(80, 12)))
+        columns[:, 1] = 0.95 * columns[:, 0] + np.sqrt(1 - 0.95**2) * columns[:, 1]
+        screen = screen_of(columns, 32 * (columns[:, 0] - columns[:, 1]) + 0.1 * rng.normal(size=80))
+        best = Sets.of(screen, price).ranked[0]
+        assert screen.raw[0] ** 2 < 5
+        assert best.names == {"effect-0", "effect-1"} and best.gain > 90
+        np.testing.assert_allclose(Sets(screen, price, []).strengths(best), [32, -32], atol=1.0)
+
+    @pytest.mark.parametrize(("correlation", "found"), [(0.97, True), (0.98, False)])
+    def test_columns_that_are_one_are_no_pair(self, correlation, found):
+        """Their joint variance is inflated by 1/(1 − ρ²): 16.9 and 25.3 times."""
+        columns, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(40, 2)))
+        columns[:, 1] = correlation * columns[:, 0] + np.sqrt(1 - correlation**2) * columns[:, 1]
+        ranked = Sets.of(screen_of(columns, 200 * (columns[:, 0] - columns[:, 1])), price).ranked
+        assert any(len(one.names) == 2 for one in ranked) is found
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_a_strength_that_is_not_physical_gains_nothing(self, sign):
+        columns, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(40, 3)))
+        screen = screen_of(columns, -9 * columns[:, 0] + 8 * columns[:, 1], signs=[sign, 0, 0])
+        gain = {one.names: one.gain for one in Sets.of(screen, price).ranked}
+        assert gain[frozenset({"effect-0"})] == pytest.approx(81 if sign < 0 else 0)
+        assert gain[frozenset({"effect-0", "effect-1"})] == pytest.approx(145 if sign < 0 else 0)
+
+    def test_beside_a_named_effect_are_its_own_columns_and_sets_without_it(self):
+        """The named one has a block of two; without it, all of what it explains is open to the others."""
+        rng = np.random.default_rng(3)
+        columns = rng.normal(size=(50, 6))
+        columns /= np.linalg.norm(columns, axis=0)
+        residual = columns @ [5.0, 3.0, 6.0, 0.0, 0.0, 0.0] + 0.5 * rng.normal(size=50)
+        screen = screen_of(columns, residual, named=("named",), own=2)
+        found = {one.names: one.gain for one in Sets.of(screen, price).ranked}
+
+        def gain(*own):
+            part = columns[:, list(own)]
+            return residual @ part @ np.linalg.lstsq(part, residual, rcond=None)[0]
+
+        assert found[frozenset({"named"})] == pytest.approx(gain(0, 1))
+        assert found[frozenset({"named", "effect-0"})] == pytest.approx(gain(0, 1, 2))
+        assert found[frozenset({"effect-0", "effect-1"})] == pytest.approx(gain(2, 3))
+        sets = Sets.of(screen, price)
+        both = next(one for one in sets.ranked if one.names == {"named", "effect-0"})
+        expected = np.linalg.lstsq(columns[:, :3], residual, rcond=None)[0][2]
+        assert sets.strengths(both) == pytest.approx([expected])
+
+
+def sets_of(gains, cost=1000.0):
+    """Return sets by their names' first letters and gains."""
+    ranked = [Subset((), (), frozenset(names), gain, cost - gain + price(len(names))) for names, gain in gains.items()]
+    return Sets(SimpleNamespace(cost=cost), price, sorted(ranked, key=lambda one: one.cost))
+
+
+def led(gains, model, reach=20.0):
+    return ["".join(sorted(one.names)) for one in sets_of(gains).leading(frozenset(model), reach)]
+
+
+class TestLeading:
+    def test_first_are_singles_near_the_best_and_pairs_that_beat_all_of_them(self):
+        gains = {"": 0.0, "a": 100.0, "b": 60.0, "c": 49.0, "de": 140.0, "df": 130.0, "dg": 125.0, "ae": 105.0}
+        assert led(gains, "") == ["a", "b", "de", "df"]
+
+    def test_nothing_is_refitted_where_nothing_promises_half_of_what_it_needs(self):
+        assert led({"": 0.0, "a": 5.9}, "") == [] and led({"": 0.0, "a": 6.1}, "") == ["a"]
+
+    def test_then_one_more_one_instead_and_one_less(self):
+        gains = {"": 0.0, "a": 100.0, "b": 90.0, "ab": 130.0, "ac": 103.0, "bc": 140.0, "c": 20.0}
+        assert led(gains, "a") == ["ab", "b"]
+        assert led(gains, "ab") == ["bc", "b", "a"]
+
+    def test_in_the_place_of_an_effect_is_what_brings_half_of_what_it_does(self):
+        gains = {"": 0.0, "a": 400.0, "b": 210.0, "c": 190.0}
+        assert led(gains, "a") == ["b"]
+        assert led(gains, "a", reach=250.0) == ["b", "c"]
+
+
+class Toy(Search):
+    """A search among fits that are known."""
+
+    def __post_init__(self):
+        self.first, self.asked = SimpleNamespace(z=np.zeros(1)), THRESHOLDS
+
+    def without(self, names, name):
+        return self.fitted[names - {name}]
+
+
+def search(gains, cost=1000.0, **spread):
+    """Return a search that has fitted these sets; names of effects by number."""
+
+    def fit(names, gain):
+        return SimpleNamespace(cost=cost - gain, parameters=ParameterSet(effects=tuple(library()[n]() for n in names)))
+
+    fitted = {frozenset(names): fit(names, gain) for names, gain in ({(): 0.0} | gains).items()}
+    return Toy(
+        None, None, fitted[frozenset()], {}, fitted=fitted, spread={k.replace("_", "-"): v for k, v in spread.items()}
+    )
+
+
+CURL, FIELD, DARK = ("curl",), ("field-curvature",), ("vignetting",)
+
+
+class TestSearch:
+    def test_the_best_set_costs_least_with_the_price_of_its_size(self):
+        """One more must gain 7, and a twentieth of what the strongest alone gains: a formula may be wrong by that."""
+        assert search({CURL: 200.0, FIELD: 20.0, CURL + FIELD: 216.0}).best() == {"curl"}
+        assert search({CURL: 200.0, FIELD: 20.0, CURL + FIELD: 218.0}).best() == {"curl", "field-curvature"}
+        assert search({CURL: 11.9}).best() == frozenset()
+
+    def test_every_effect_of_a_set_gains_its_own(self):
+        """Together they gain enough, but one of them hardly more than the other alone."""
+        found = search({CURL: 0.0, FIELD: 45.0, CURL + FIELD: 46.0, DARK: 30.0})
+        found.price = lambda effects: 1.0 * bool(effects)
+        found.needed = lambda names, name: 12.0
+        assert found.best() == {"field-curvature"}
+
+    def test_what_scatters_more_must_gain_more(self):
+        assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}
+        assert search({CURL: 40.0}, curl=1.9).best() == frozenset()
+
+    def test_two_names_are_apart_by_noise_by_form_and_by_what_is_left(self):
+        found = search({CURL: 100.0}, curl=2.0)
+        assert found.width(0.0, "curl") == pytest.approx(4)
+        expected = 4 + (policy.FORM_ERROR * 100 + 30) / policy.WIDTH
+        assert found.width(100.0, "curl", left=30.0) == pytest.approx(expected)
+
+    def test_what_another_noise_may_prefer_is_near(self):
+        found = search({CURL: 100.0, FIELD: 80.0, DARK: 50.0})
+        assert {fit.cost for fit in found.near()} == {1000.0, 900.0, 920.0}
+
+    @pytest.mark.parametrize(
+        ("strength", "begun"),
+        [
+            (0.8, (0.4, 1.0)),
+            (-0.8, (-0.4, -1.0)),
+            (0.01, (LEAST, 1.0)),
+            (9.0, (START_SHARE * FARTHEST, START_SHARE * FARTHEST)),
+        ],
+    )
+    def test_refits_begin_small_and_at_typical_size_and_the_process_has_answered(self, strength, begun):
+        found = search({})
+        found.baseline.free = choose(ParameterSet())
+        found.fitter = SimpleNamespace(free=lambda parameters: freed(parameters, found.baseline.free))
+        columns, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(20, 1)))
+        screen = screen_of(columns, strength * columns[:, 0], answers=[{"threshold": 0.02}])
+        screen.chosen[0] = Candidate(library()["curl"](), "rise_um")
+        sets = Sets(screen, price, [])
+        starts = found._starts(found.baseline, sets, Subset((), (0,), frozenset({"curl"}), 0.0, 0.0))
+        typical = 0.2
+        assert [one.parameters.effects[0].rise_um / typical for one in starts] == pytest.approx(begun)
+        moved = [one.parameters.paper.threshold - ParameterSet().paper.threshold for one in starts]
+        assert moved == pytest.approx([0.02 * share for share in begun])
+
+    def test_to_a_bend_the_process_has_answered_by_its_root(self):
+        found = search({})
+        found.baseline.free = choose(ParameterSet())
+        found.fitter = SimpleNamespace(free=lambda parameters: freed(parameters, found.baseline.free))
+        columns = np.eye(20)[:, :1]
+        screen = screen_of(columns, 0.5 * columns[:, 0], answers=[{"threshold": 0.02}])
+        screen.chosen[0] = Bent(library()["curl"](), "rise_um", -1.0)
+        start = found._starts(found.baseline, Sets(screen, price, []), Subset((), (0,), frozenset(), 0.0, 0.0))[0]
+        assert start.parameters.effects[0].rise_um == pytest.approx(-0.2 * 0.5)
+        assert start.parameters.paper.threshold - ParameterSet().paper.threshold == pytest.approx(0.01)
+
+
+class TestClasses:
+    """Weights are exp(−Δ/2w) with the width w = spread² + form error + what is left."""
+
+    def test_hold_95_percent(self):
+        """2.5 % of one gain of 20 are form error; so the width is 1.17, and 6 behind is a probability of 7 %."""
+        (near,) = named_in(search({CURL: 20.0, FIELD: 14.0}), frozenset(CURL), 0.0)
+        assert near.names == ["curl", "field-curvature"]
+        width = 1 + 0.05 * 20 / 5.99
+        assert near.members[1].probability == pytest.approx(1 / (1 + np.exp(6 / 2 / width)))
+        assert sum(member.probability for member in near.members) == pytest.approx(1)
+        (far,) = named_in(search({CURL: 20.0, FIELD: 12.5}), frozenset(CURL), 0.0)
+        assert far.names == ["curl"]
+
+    def test_names_of_a_strong_effect_are_told_apart_by_no_less_than_its_form_may_be_wrong(self):
+        """Of 10 000, 500 may be form: 400 behind is no exclusion, 600 is."""
+        for behind, names in ((400.0, ["curl", "field-curvature"]), (600.0, ["curl"])):
+            (one,) = named_in(search({CURL: 1e4, FIELD: 1e4 - behind}), frozenset(CURL), 0.0)
+            assert one.names == names
+
+    @pytest.mark.parametrize(("left", "names"), [(0.0, ["curl"]), (30.0, ["curl", "vignetting"])])
+    def test_hold_what_an_unnamed_rest_may_have_put_behind(self, left, names):
+        (one,) = named_in(search({CURL: 100.0, DARK: 72.0}), frozenset(CURL), left)
+        assert one.names == names
+
+    def test_a_slot_holds_what_stands_in_its_place_alone(self):
+        found = search(
+            {CURL: 100.0, DARK: 60.0, FIELD: 95.0, CURL + DARK: 160.0, FIELD + DARK: 158.0, FIELD + CURL: 159.0}
+        )
+        first, second = named_in(found, frozenset(CURL + DARK), 0.0)
+        assert (first.effect.name, second.effect.name) == ("curl", "vignetting")
+        assert (first.gain, second.gain) == pytest.approx((100, 60))
+        assert first.names == ["curl", "field-curvature"] and second.names == ["vignetting", "field-curvature"]
+        assert [member.loss for member in first.members] == pytest.approx([0, 2])
+
+    def test_sides_share_what_the_members_have(self):
+        (one,) = named_in(search({CURL: 50.0, FIELD: 50.0}), frozenset(CURL), 0.0)
+        assert one.sides == pytest.approx({"print": 0.5, "measurement": 0.5})
+        assert [member.effect.name for member in one.others] == ["field-curvature"]
+
+    def test_something_is_there_as_surely_as_it_gains_more_than_noise(self):
+        even, sure = (
+            named_in(search({CURL: gain}), frozenset(CURL), 0.0)[0].probability for gain in (12.0, 12.0 + 9.19)
+        )
+        assert (even, sure) == pytest.approx((0.5, 0.99), abs=1e-3)
+        (scattered,) = named_in(search({CURL: 48.0}, curl=2.0), frozenset(CURL), 0.0)
+        assert scattered.probability == pytest.approx(0.5)
+        assert scattered.p_value == pytest.approx(THRESHOLDS.p_value(12.0))
+
+    def test_a_rival_refitted_lower_is_no_gain(self):
+        """A quick fit may undercut the best set by a hair; it is its equal."""
+        (one,) = named_in(search({CURL: 50.0, FIELD: 50.2}), frozenset(CURL), 0.0)
+        assert [member.loss for member in one.members] == [0, 0]
+
+
+def test_strengths_are_those_of_the_effect_and_what_it_shares():
+    effect = library()["curl"](rise_um=0.3)
+    found = strengths(effect, {"curl.rise_um": (0.2, 0.4), "threshold": (0.1, 0.2)})
+    assert found == {"rise_um": {"value": 0.3, "low": 0.2, "high": 0.4, "unit": "µm"}}

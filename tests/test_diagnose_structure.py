@@ -1,0 +1,305 @@
+"""Structure without a name: what is found, where, and how surely; noise alone has the levels that are claimed."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.diagnose import policy
+from dlwpredict.diagnose.structure.columns import Columns
+from dlwpredict.diagnose.structure.forms import Beside, Energy, Forms, agreement
+from dlwpredict.diagnose.structure.freeform import edge_distances, free_forms, smooth_forms, splines
+from dlwpredict.diagnose.structure.largest import p_of_largest
+from dlwpredict.diagnose.structure.places import WHERE, _box, locate, mismatch
+from dlwpredict.diagnose.structure.ripple import Ripple, ripple
+from dlwpredict.diagnose.structure.spots import Bumps, Spot, spot
+from dlwpredict.diagnose.structure.test import SINGLE, WAYS, Model
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.free import Free
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit, Nuisances
+from dlwpredict.infer.recording import prepare
+from dlwpredict.infer.rows import Rows
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven, Unevenness
+from dlwpredict.parameters import ParameterSet
+
+GRID = HeightMap(np.ones((60, 70)), 0.4, 0.3)
+SIGMA_UM = 0.01
+PADS = (4, 14, 4, 24), (4, 14, 30, 36), (20, 26, 6, 14), (20, 44, 18, 40), (32, 42, 4, 12), (50, 56, 8, 36)
+"""Rows and columns of pads of different sizes, on which the edges of one side are not those of another."""
+
+
+def white_item(grid=GRID):
+    """Return a recording in which noise is white already, of `SIGMA_UM`."""
+    recording = SimpleNamespace(used=np.ones(grid.shape, bool), target=grid, points=grid.heights_um.size)
+    whitener = SimpleNamespace(transposed=lambda values: values / SIGMA_UM, solve=lambda white: white * SIGMA_UM)
+    return SimpleNamespace(recording=recording, whitener=whitener)
+
+
+def fitted(residual, *items, jacobian=None):
+    """Return a fit of the offset of every recording, and of one parameter that has its own derivative."""
+    points = tuple(item.recording.points for item in items)
+    rows = Rows(points, (0,) * len(items), 0)
+    constant = Nuisances(rows, tuple(np.full((n, 1), n**-0.5) for n in points), tuple(np.zeros((0, 1)) for _ in points))
+    one = Free(ParameterSet(), ("one",), np.zeros(1), np.ones(1))
+    tangent = np.linspace(-1, 1, rows.total)[:, None] ** 3 if jacobian is None else jacobian
+    bare = Fit(items, one, np.zeros(1), (), rows, residual, constant, (), tangent)
+    return replace(bare, residual=bare.beside(residual))
+
+
+@pytest.fixture(scope="module")
+def item():
+    return white_item()
+
+
+@pytest.fixture(scope="module")
+def null():
+    return Null(np.random.default_rng(5).standard_normal((4200, 100)).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def noise():
+    return np.random.default_rng(6).standard_normal(4200)
+
+
+def with_draws(residual, item, null):
+    found = fitted(residual, item)
+    return found, null.beside(found)
+
+
+class TestRipple:
+    def test_is_found_with_period_and_direction(self, item, null, noise):
+        assert ripple(*with_draws(noise, item, null)).p_value > 0.01
+        along = np.deg2rad(30)
+        phase = 2 * np.pi / 4 * (GRID.x_um * np.cos(along) + GRID.y_um[:, None] * np.sin(along))
+        found = ripple(*with_draws(noise + 0.3 * np.cos(phase).ravel(), item, null))
+        assert found.p_value < 1e-6
+        assert found.period_um == pytest.approx(4.0, abs=0.4)
+        assert found.angle_deg == pytest.approx(30, abs=6)
+        assert found.excess == pytest.approx(0.3**2 / 4 * 4200, rel=0.35)
+
+    def test_waves_are_a_place_of_the_mismatch_over_the_whole_map(self, item, null, noise):
+        waves = 0.3 * np.cos(2 * np.pi / 4 * GRID.x_um) * np.ones(GRID.shape)
+        found, draws = with_draws(noise + waves.ravel(), item, null)
+        ramp = np.tile(GRID.x_um, GRID.shape[0])[:, None]
+        bump = np.exp(-(GRID.x_um**2 + GRID.y_um[:, None] ** 2)).reshape(-1, 1)
+        forms = Forms(({name: form / np.linalg.norm(form) for name, form in (("x", ramp), ("place", bump))},))
+        beside, bumps, wave = Beside.of(found, forms.blocks, draws), [Bumps.of(item)], ripple(found, draws)
+        (place,), _ = locate(found, forms, beside, bumps, [wave])
+        assert place.where == "in waves of period 4.0 µm, at 0° to x" and place.share > 0.9
+        assert place.p_value == wave.p_value < 1e-6
+        assert place.x_um == pytest.approx((-14, 14)) and place.y_um == pytest.approx((-9, 9))
+        assert locate(found, forms, beside, bumps, [])[0] == []
+
+
+class TestSpot:
+    def test_is_found_where_it_is(self, item, null, noise):
+        """A bump two pixels wide; the same energy in a wave over the whole map is none.
+
+        Noise alone has an energy of 16 somewhere in 4200 pixels; 8 standard deviations are 64, and 30 where noise takes
+        2.5 of them away.
+        """
+        bumps = [Bumps.of(item)]
+        assert spot(*with_draws(noise, item, null), bumps).p_value > 0.01
+        bump = np.exp(-((GRID.x_um - 4.2) ** 2 + (GRID.y_um[:, None] + 3.0) ** 2) / (2 * 0.35**2)).ravel()
+        found = spot(*with_draws(noise + 8 * bump / np.linalg.norm(bump), item, null), bumps)
+        assert found.p_value < 1e-3
+        assert (found.x_um, found.y_um) == pytest.approx((4.2, -3.0), abs=0.6)
+        assert found.fwhm_um == pytest.approx(0.82, abs=0.1)
+        wave = np.cos(2 * np.pi * GRID.x_um / 3) * np.ones((60, 1))
+        assert spot(*with_draws(noise + 8 * wave.ravel() / np.linalg.norm(wave), item, null), bumps).p_value > 0.01
+
+    def test_scores_are_standard_deviations(self, item):
+        bumps, rng = Bumps.of(item), np.random.default_rng(9)
+        squares = np.mean([bumps.scores(rng.standard_normal(4200)) ** 2 for _ in range(60)], axis=0)
+        assert squares[:, 12:-12, 12:-12].mean(axis=(1, 2)) == pytest.approx(1, abs=0.15)
+
+
+def test_ripples_and_spots_have_the_level_they_claim():
+    grid, rng = HeightMap(np.ones((24, 24)), 0.4, 0.4), np.random.default_rng(12)
+    item = white_item(grid)
+    found, bumps = [], [Bumps.of(item)]
+    for _ in range(6):
+        null = Null(rng.standard_normal((576, 100)).astype(np.float32))
+        draws = null.beside(fitted(np.zeros(576), item))
+        for one in rng.standard_normal((50, 576)):
+            fit = fitted(one, item)
+            found.append([one.p_value < 0.05 for one in (ripple(fit, draws), spot(fit, draws, bumps))])
+    assert np.mean(found, axis=0) == pytest.approx([0.05, 0.05], abs=0.025)  # two standard deviations of 300 draws
+
+
+def test_the_largest_score_has_the_level_it_claims():
+    rng = np.random.default_rng(8)
+    largest = np.array([np.max(rng.standard_normal(2000) ** 2) for _ in range(3000)])
+    claimed = np.array([p_of_largest(energy, largest[:1000]) for energy in largest[1000:]])
+    assert [np.mean(claimed < level) for level in (0.05, 0.01)] == pytest.approx([0.05, 0.01], abs=0.012)
+    assert p_of_largest(25, largest, of=3) == pytest.approx(3 * p_of_largest(25, largest), rel=0.05)
+
+
+class TestFreeForms:
+    def test_edge_distances_know_their_sides(self):
+        heights = np.zeros((6, 8))
+        heights[2:5, 1:7] = 1.0
+        sides = edge_distances(HeightMap(heights, 0.5, 0.25))
+        assert sides["left"][3, 1] == pytest.approx(0.25)
+        assert sides["right"][3, 1] == pytest.approx(2.75)
+        assert sides["upper"][2, 3] == pytest.approx(0.125)
+        assert sides["lower"][2, 3] == pytest.approx(0.625)
+        assert np.isinf(sides["left"][0, 0])
+
+    def test_every_family_has_words_and_lives_on_the_part_alone(self):
+        target = designs.stairs(size_um=20, pitch_um=0.5, margin_um=3, feature_um=2)
+        forms = free_forms(target, target.heights_um)
+        assert set(forms) == set(WHERE)
+        off = target.heights_um == 0
+        assert all(not columns[:, off].any() for columns in forms.values())
+        assert smooth_forms(target).shape[1:] == target.shape
+
+    def test_splines_add_up_to_one_and_stay_level_outside(self):
+        values = np.array([-3.0, 0.0, 0.2, 0.77, 1.0, 9.0])
+        found = np.array(splines(values, 6, 0.0, 1.0))
+        np.testing.assert_allclose(found.sum(axis=0), 1)
+        np.testing.assert_allclose(found[:, [0, -1]], found[:, [1, -2]], atol=1e-6)
+
+
+class TestForms:
+    def test_energy_has_the_level_it_claims_and_the_power_it_should(self, item, null):
+        rng = np.random.default_rng(7)
+        columns = rng.standard_normal((4200, 12))
+        draws = null.beside(fitted(np.zeros(4200), item))
+        p_values = [
+            Beside.of(fitted(one, item), [columns], draws).energy().p_value for one in rng.standard_normal((200, 4200))
+        ]
+        assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.07)
+        strong = Beside.of(fitted(0.2 * columns[:, 0], item), [columns], draws).energy()
+        assert strong.excess == pytest.approx(0.04 * np.sum(columns[:, 0] ** 2), rel=0.15)
+        assert strong.p_value < 1e-9
+
+    def test_what_the_fit_may_move_is_no_structure(self, item, null, noise):
+        fit = fitted(noise + 3.0, item)
+        draws = null.beside(fit)
+        own = Beside.of(fit, [np.column_stack([np.ones(4200), fit.jacobian])], draws).energy()
+        assert (own.excess, own.p_value) == (0.0, 1.0)
+
+    def test_structure_is_as_large_as_it_is(self, item, null, noise):
+        """A wave of amplitude 2 in units of the noise of 10 nm: 14.1 nm."""
+        wave = np.tile(np.cos(2 * np.pi * GRID.x_um / 5), 60)
+        fit = fitted(noise + 2 * wave, item)
+        beside = Beside.of(
+            fit,
+            [
+                np.random.default_rng(1).standard_normal((4200, 8)),
+            ],
+            null.beside(fit),
+        )
+        with_it = Beside.of(fit, [np.column_stack([beside.blocks[0], wave])], null.beside(fit))
+        assert with_it.structure_um() == pytest.approx(0.0141, rel=0.03)
+        assert beside.structure_um() < 0.001
+
+    def test_energy_along_some_columns_is_theirs_alone(self, item, null, noise):
+        columns = np.random.default_rng(7).standard_normal((4200, 6))
+        fit = fitted(noise + columns[:, 4], item)
+        beside = Beside.of(fit, [columns], null.beside(fit))
+        some = beside.energy(np.array([0, 1, 2])), beside.energy(np.array([3, 4]))
+        alone = Beside.of(fit, [columns[:, 3:5]], null.beside(fit)).energy()
+        assert some[0].p_value > 1e-3 and some[1].excess == pytest.approx(alone.excess)
+
+    def test_recordings_that_want_other_parameters_do_not_agree(self, item, null):
+        ramp = np.tile(np.linspace(-1, 1, 70), 60)
+        both = Null(np.vstack([null.draws, null.draws[::-1]]))
+        rng = np.random.default_rng(3)
+
+        def p_value(second):
+            residual = np.concatenate([0.2 * ramp, second * ramp]) + rng.standard_normal(8400)
+            fit = fitted(residual, item, item, jacobian=np.tile(ramp, 2)[:, None])
+            return agreement(fit, both.beside(fit)).p_value
+
+        assert p_value(0.2) > 0.01 and p_value(-0.2) < 1e-6
+        assert agreement(fitted(ramp, item), null.draws) is None
+
+
+class TestPlaces:
+    def test_a_bump_is_located(self):
+        holes = np.random.default_rng(0).random((60, 70)) > 0.1
+        holes[20:30, 15:35] = False
+        noise, grid = Noise(0.005, 0.02, 1.0, 0.4, 0.4), HeightMap(np.ones(holes.shape), 0.4, 0.4)
+        recording = prepare(grid, grid.with_heights(np.where(holes, 1.0, np.nan)), wall_px=0)
+        item, used = Whitened.of(recording, Uneven(noise)), recording.used
+        rows, cols = np.mgrid[: used.shape[0], : used.shape[1]]
+        bump = 0.12 * np.exp(-((rows - 45) ** 2 + (cols - 50) ** 2) / (2 * 2.5**2))
+        values, bumps = noise.simulate(used.shape, np.random.default_rng(8)), Bumps.of(item)
+        quiet, loud = (mismatch(bumps.scores(item.white(v)), used) for v in (values, values + bump))
+        assert (quiet > 0.95).mean() < 0.01
+        score = bumps.scores(item.white(values + bump))
+        row, col = np.unravel_index(np.argmax(np.abs(score).max(axis=0)), used.shape)
+        assert np.hypot(row - 45, col - 50) < 3
+        assert loud[row, col] > 0.99 and not loud[~used].any()
+        x_um, y_um, middle = _box(item, score, loud, local=True)
+        assert x_um[0] < middle[0] < x_um[1] and y_um[0] < middle[1] < y_um[1]
+        assert middle == pytest.approx((grid.x_um[50], grid.y_um[45]), abs=1.0)
+        assert x_um[1] - x_um[0] < 10
+
+    @pytest.mark.parametrize("side", ["left", "right", "lower", "upper"])
+    def test_a_mismatch_along_edges_is_named_by_their_side(self, side):
+        heights = np.zeros((60, 60))
+        for top, bottom, first, last in PADS:
+            heights[top:bottom, first:last] = 2.0
+        target = HeightMap(heights, 0.4, 0.4)
+        item = white_item(target)
+        item.white = lambda maps: np.moveaxis(np.asarray(maps), 0, -1).reshape(target.heights_um.size, -1)
+        distance = edge_distances(target)[side]
+        residual = np.where(target.heights_um > 0, 2 * np.exp(-np.where(np.isfinite(distance), distance, 0)), 0).ravel()
+        rng = np.random.default_rng(0)
+        fit = replace(
+            fitted(residual + rng.standard_normal(residual.size), item),
+            traces=(SimpleNamespace(heights_um=target.heights_um),),
+        )
+        draws = Null(rng.standard_normal((residual.size, 60)).astype(np.float32)).beside(fit)
+        forms = Forms.of(fit)
+        places, _ = locate(fit, forms, Beside.of(fit, forms.blocks, draws), [Bumps.of(item)], [])
+        assert places[0].where == WHERE[f"{side} edges"] and places[0].share > 0.7
+
+    def test_a_spot_that_no_form_follows_is_one(self, item, null, noise):
+        ramp = np.tile(GRID.x_um, GRID.shape[0])[:, None]
+        bump = np.exp(-((GRID.x_um - 4.2) ** 2 + (GRID.y_um[:, None] + 3.0) ** 2) / (2 * 0.35**2)).ravel()
+        found, draws = with_draws(noise + 12 * bump / np.linalg.norm(bump), item, null)
+        forms, bumps = Forms(({"x": ramp, "place": ramp**2},)), [Bumps.of(item)]
+        lone = spot(found, draws, bumps)
+        (place,), _ = locate(found, forms, Beside.of(found, forms.blocks, draws), bumps, [lone])
+        assert place.where.startswith("around x = 4.") and "y = -" in place.where
+        assert (place.pair, place.p_value) == (0, lone.p_value) and place.x_um[0] < 4.2 < place.x_um[1]
+
+
+class TestColumns:
+    def test_count_where_no_repeat_has_told_them_from_the_print(self):
+        sure, none = Unevenness(0.004, 12.0), Unevenness(0.0, 0.0)
+        found = Columns.of([SimpleNamespace(source="residual", columns=one) for one in (none, sure)])
+        assert (found.pair, found.size_um, found.excess) == (1, 0.004, 12.0)
+        assert found.p_value == pytest.approx(1 - (1 - sure.p_value) ** 2)
+        assert Columns.of([SimpleNamespace(source="repeats", columns=sure)]).p_value == 1.0
+
+
+class TestModel:
+    @staticmethod
+    def of(p_values, excess=10.0):
+        forms, wave, lone, columns = p_values
+        patterns = Ripple(0, 4.0, 0.0, excess, wave), Spot(0, 0.0, 0.0, 1.0, excess, lone), Columns(0, 0.0, 0.0, 1.0)
+        return Model(None, None, None, Energy(excess, forms), 0.0, *patterns[:2],
+                     replace(patterns[2], p_value=columns, excess=excess), None, None)  # fmt: skip
+
+    @pytest.mark.parametrize("way", range(WAYS))
+    def test_noise_is_called_structure_in_no_way_more_often_than_the_level(self, way):
+        p_values = np.ones(WAYS)
+        for share, called in ((0.99, True), (1.01, False)):
+            p_values[way] = share * policy.LEVEL_STRUCTURE / WAYS
+            assert self.of(p_values).unexplained == called
+        assert self.of(np.ones(WAYS)).p_value == 1
+
+    def test_patterns_are_left_over_only_where_they_stand_out(self):
+        assert self.of((0.5, 0.5, 0.5, 0.5)).left == 10
+        assert self.of((0.5, SINGLE / 2, 0.5, SINGLE / 2)).left == 30
+        assert self.of((0.5, 0.5, 0.5, 0.5), excess=-3.0).left == 0
