@@ -46,6 +46,7 @@ DIAGNOSE = [
 
 EXCEPTIONS = {
     ("cli.app", ""): "shows the program's version",
+    ("cli.anytime", ""): "what another version began is not gone on with",
     ("files.provenance", ""): "records the program's version",
     ("batch.records", ""): "a result of another version is made again",
     ("tiling.large", ""): "tiles of another version are made again",
