@@ -68,6 +68,8 @@ class TestCandidates:
     def test_only_a_strength_that_physics_allows_has_its_sign(self):
         sign = {one.name: one.sign for one in candidates(ParameterSet())}
         assert (sign["curl"], sign["vignetting"], sign["edge-drying"]) == (0, 1, 1)
+        (steepest,) = (one for one in candidates(ParameterSet()) if one.switch == "max_angle_deg")
+        assert steepest.one_sided == -1 and steepest.unit < 0 and steepest.sign == 1
 
     def test_what_bends_grows_with_the_square_of_its_size(self):
         curl = library()["curl"]()
@@ -236,11 +238,12 @@ class TestThresholds:
         both, one = (thresholds(screen_of(np.eye(1), signs), 0.025, 0.1, 20.0) for signs in ([0], [1]))
         assert one.first == pytest.approx(stats.chi2.ppf(0.95, 1), rel=0.12) and one.first < both.first
 
-    @pytest.mark.parametrize("signed", [False, True])
-    def test_noise_alone_names_something_in_two_and_a_half_percent(self, signed):
-        """One effect, two that mask each other or three, in columns that share much."""
-        products = correlated(9)
-        screen = screen_of(products, np.arange(9) % 2 if signed else None)
+    @pytest.mark.parametrize(
+        ("products", "signs"), [(correlated(9), np.arange(9) % 2), (0.07 * np.eye(7) + 0.93, np.zeros(7))]
+    )
+    def test_noise_alone_names_something_in_two_and_a_half_percent(self, products, signs):
+        """One effect, two that mask each other, or three: in columns that share some, and in some that share most."""
+        screen = screen_of(products, signs)
         found = thresholds(screen, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
 
         def price(effects):

@@ -119,6 +119,7 @@ class TestEnumeration:
         assert found[frozenset({"named", "effect-0"})] == pytest.approx(gain(0, 1, 2))
         assert found[frozenset({"effect-0", "effect-1"})] == pytest.approx(gain(2, 3))
         sets = Sets.of(screen, price)
+        assert all(one.cost == pytest.approx(screen.cost - one.gain + price(len(one.names))) for one in sets.ranked)
         both = next(one for one in sets.ranked if one.names == {"named", "effect-0"})
         expected = np.linalg.lstsq(columns[:, :3], residual, rcond=None)[0][2]
         assert sets.strengths(both) == pytest.approx([expected])
