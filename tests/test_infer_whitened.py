@@ -1,6 +1,7 @@
-"""One recording in whitened space: columns are exact derivatives, of what registration shows."""
+"""Recordings in whitened space: columns are exact derivatives, of what registration shows; where their fits end."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,17 +9,23 @@ import pytest
 from dlwpredict import designs
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.fitter import FOCUS_MOVED, Fitter, Start, repixelled
-from dlwpredict.infer.free import choose
+from dlwpredict.infer.descend import descend
+from dlwpredict.infer.fitter import FOCUS_MOVED, Fitter, Start, _from_paper, repixelled
+from dlwpredict.infer.free import Free, choose
+from dlwpredict.infer.intervals import deviations
 from dlwpredict.infer.model import freed
-from dlwpredict.infer.objective import Objective
+from dlwpredict.infer.noises import plane
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit, Nuisances, Objective
 from dlwpredict.infer.objective import step as step_of
 from dlwpredict.infer.pixels import discretisation_um, discretised, place_of
-from dlwpredict.infer.priors import LEVELLING
+from dlwpredict.infer.priors import LEVELLING, NUISANCES, bounded
 from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import STEEPEST, Whitened, bending, displacements, gradient, shifted, steepness
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.noise.whitening import Whitener
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 from dlwpredict.smoothing import block_mean
@@ -100,6 +107,44 @@ class TestNuisances:
         np.testing.assert_allclose(item.registered(second - first, values), shown(second) - shown(first), atol=1e-9)
 
 
+def test_a_prior_draws_the_whole_shift_and_not_only_its_last_step():
+    """Two and a half standard deviations remain in its row: what was registered before counts."""
+    target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
+    heights = predict(target, ParameterSet()).heights_um
+    seen = target.with_heights(shifted(heights, target, (0.25, 0.0))[0])
+    objective, free = Objective((item_of(target, seen),)), choose(ParameterSet())
+    found = objective.at(free, free.start)
+    (item,), own = found.data, found.residual[found.rows.nuisance_priors(0)]
+    row = [item.nuisances[k] for k in bounded(item.nuisances)].index("shift_x")
+    assert item.shift_um == pytest.approx((0.25, 0.0), abs=0.01)
+    assert own[row] == pytest.approx(-item.shift_um[0] / NUISANCES["shift_x"][1], rel=0.02)
+
+
+def test_a_plane_is_an_offset_and_a_tilt_along_either_side():
+    offset, right, up = plane(HeightMap(np.zeros((4, 5)), 0.5, 0.25))
+    assert (offset.min(), right[0, -1], right[-1, -1], up[0, 0], up[0, -1]) == (1, 0.4, 0.4, 0.375, 0.375)
+
+
+@pytest.mark.parametrize("louder", [1.0, 2.0])
+def test_a_parameter_is_as_uncertain_as_noise_numerics_and_priors_make_it(louder):
+    """The mean of 144 heights with white noise of 5 nm, that may be louder: 5/12 nm times that, and 0.2 nm of numerics.
+
+    Another parameter that a prior alone tells, and one that nothing tells.
+    """
+    used, rows = np.ones((12, 12), bool), Rows((144,), (2,), 1)
+    whitener = Whitener.of(used, Uneven(Noise(0.005, 0.0, 1.0, 1.0, 1.0)))
+    draws = np.zeros((147, 4000), np.float32)
+    draws[:144] = louder * np.random.default_rng(0).standard_normal((144, 4000))
+    mean, prior = np.pad(whitener @ np.full(144, 0.005**2 / 144), (0, 3)), np.append(np.zeros(146), 0.4)
+    item = SimpleNamespace(recording=SimpleNamespace(points=144, used=used), whitener=whitener)
+    estimators = np.column_stack([mean, prior, 0 * mean])
+    fitted = SimpleNamespace(estimators=estimators, data=[item], rows=rows, residual=np.zeros(147))
+    expected = [np.hypot(louder * 0.005 / 12, 0.0002), 0.4, np.inf]
+    assert deviations(fitted, Null(draws)) == pytest.approx(expected, rel=0.03)
+    unit = np.column_stack([mean / np.linalg.norm(mean), 0 * mean])
+    assert Null(draws).spread(fitted, unit) == pytest.approx([np.hypot(louder, 0.2 * 12 / 5), 0.0], rel=0.03)
+
+
 def test_derivatives_are_those_of_what_registration_shows():
     """Of a print that lies displaced, turned and stretched: that by the focus's width is a tenth off without it."""
     target = designs.air(size_um=24, pitch_um=0.4, margin_um=2, seed=3)
@@ -177,6 +222,53 @@ class TestPixels:
         inside = np.s_[12:-12, 12:-12]
         assert np.abs(plain[inside]).max() > 1e-5
         np.testing.assert_allclose(seen[inside], expected[inside], atol=1e-9)
+
+
+class Misled:
+    """Residual 1 + u, with a derivative of the wrong sign: every step that it promises climbs."""
+
+    def at(self, free, vector, near=None):
+        layout, none = Rows((1,), (0,), 0), (np.zeros((1, 0)),)
+        nothing = Nuisances(layout, none, (np.zeros((0, 0)),))
+        return Fit((), free, vector, (), layout, 10 * (1 + vector), nothing, (), np.zeros((1, 1)))
+
+    def differentiated(self, now):
+        return replace(now, jacobian=np.array([[10.0]]))
+
+
+def test_a_descent_never_climbs_even_by_wrong_derivatives():
+    objective, free = Misled(), Free(ParameterSet(), ("u",), np.array([-5.0]), np.array([5.0]))
+    begun = objective.differentiated(objective.at(free, np.array([0.3])))
+    assert descend(objective, begun).vector == 0.3
+
+
+def test_of_quick_fits_the_lowest_counts_and_it_is_not_converged_where_it_does_not_matter():
+    target = designs.air(size_um=20, pitch_um=0.5, margin_um=3)
+    truth = ParameterSet(paper=Paper(0.6, 1.5, 0.4, 6.0, 7.0, 0.7, 0.95))
+    far = replace(truth, paper=replace(truth.paper, exposure_fwhm_z_um=8.0, threshold=0.1))
+    objective = Objective((item_of(target, predict(target, truth)),))
+
+    def quick(*starts):
+        fitter = Fitter(objective, choose(truth))
+        (found,) = fitter.contest([[Start(one) for one in starts]], {}, lambda key, costs: -np.inf).values()
+        assert not fitter.known and len(fitter.quick) == 1
+        return found.cost
+
+    alone = quick(truth)
+    assert quick(far, truth) == quick(truth, far) == alone < quick(far)
+
+
+def test_where_a_width_went_far_a_fit_begins_again_from_the_paper_and_typical_effects():
+    far = ParameterSet(paper=Paper(exposure_fwhm_z_um=6.0), effects=(library()["curl"](rise_um=-0.01),))
+    near = replace(far, paper=Paper(exposure_fwhm_z_um=1.6, threshold=0.3))
+    free = freed(far, choose(ParameterSet()))
+
+    def again(process):
+        return _from_paper(SimpleNamespace(free=free, vector=free.values(process), parameters=process))
+
+    assert again(near) is None
+    found = free.parameters(again(far))
+    assert found.paper == Paper() and found.effects[0].rise_um == pytest.approx(-0.2)
 
 
 @pytest.mark.parametrize(

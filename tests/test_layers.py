@@ -35,7 +35,7 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 DIAGNOSE = [
     {"policy"},
-    {"library", "structure", "taken_up"},
+    {"library", "structure"},
     {"posterior"},
     {"search"},
     {"answer.classes"},

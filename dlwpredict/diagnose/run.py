@@ -19,7 +19,6 @@ from dlwpredict.diagnose.structure.freeform import smooth_forms
 from dlwpredict.diagnose.structure.places import Place, locate
 from dlwpredict.diagnose.structure.spots import Bumps
 from dlwpredict.diagnose.structure.test import SINGLE, Model
-from dlwpredict.diagnose.taken_up import TakenUp
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer import held_out
 from dlwpredict.infer.baseline import fitter_of, rough
@@ -218,7 +217,6 @@ def diagnose(
     for number in range(policy.PASSES):
         noise, own = better, stored.setdefault(f"pass {number}", {})
         fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers, stored=own)
-        fitter = TakenUp.of(fitter)
         tell(Stage.of("screen", "scoring every named effect"))
         baseline = fitter.best(Start(first.parameters))
         null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)

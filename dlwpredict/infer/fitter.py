@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.pixels import discretised, place_of
 from dlwpredict.infer.priors import WIDTH_SD
+from dlwpredict.infer.stored import MAPS, recorded, restored
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
@@ -60,7 +62,7 @@ class Fitter:
     workers : Workers
         Who share fits that can be made at once.
     stored : dict
-        Vectors of best fits by model, as an interrupted run has left them; new ones are added.
+        Records of best fits by model, as an interrupted run has left them; new ones are added.
     known : dict
         Best fits by model.
     quick : dict
@@ -70,7 +72,7 @@ class Fitter:
     objective: Objective
     like: Free
     workers: Workers = ALONE
-    stored: dict[str, list[float]] = field(default_factory=dict)
+    stored: dict[str, Any] = field(default_factory=dict)
     known: dict[Key, Fit] = field(default_factory=dict)
     quick: dict[Key, Fit] = field(default_factory=dict)
 
@@ -127,17 +129,18 @@ class Fitter:
         return {key: self.known.get(key) or self.quick[key] for key in starts}
 
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
-        jobs = []
-        for key, starts in models.items():
-            begun = self.quick.get(key)
-            if (vector := self.stored.get(" ".join(key))) is not None:
-                free = self.free(starts[0].parameters)
-                starts, begun = (Start(free.parameters(free.allowed(np.array(vector)))),), None
-            jobs.append((self._alone(), self.like, tuple(starts), begun))
-        for key, (found, spent) in zip(models, self.workers.each(_best, jobs), strict=True):
-            self.known[key] = self._shared(found)
-            self.stored[" ".join(key)] = found.vector.tolist()
+        """Bring models to convergence; what an interrupted run has left is taken up as it was."""
+        maps = self.stored.setdefault(MAPS, {})
+        taken = [key for key in models if " ".join(key) in self.stored]
+        others = [key for key in models if key not in taken]
+        again = [(self._alone(), self.like, self.stored[" ".join(key)], maps) for key in taken]
+        jobs = [(self._alone(), self.like, tuple(models[key]), self.quick.get(key)) for key in others]
+        found = [*self.workers.each(restored, again), *self.workers.each(_best, jobs)]
+        for key, (fit, spent) in zip([*taken, *others], found, strict=True):
+            self.known[key] = self._shared(fit)
             self.objective.work.predictions += spent
+            if key in others:
+                self.stored[" ".join(key)] = recorded(self.known[key], maps)
 
     def _alone(self) -> Objective:
         """Return the objective with work of its own, so that it can be counted in another process."""

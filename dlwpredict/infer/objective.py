@@ -30,6 +30,10 @@ REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less: a thousandth of a pixel."""
 
 
+def nothing(*_: object) -> None:
+    """Do nothing."""
+
+
 @dataclass(eq=False)
 class Work:
     """Predictions of all recordings on their working pixels that were spent; cheaper ones count by their share.
@@ -44,8 +48,8 @@ class Work:
     """
 
     predictions: float = 0.0
-    stop: Callable[[], None] = lambda: None
-    seen: Callable[[Fit], None] = lambda fit: None
+    stop: Callable[[], None] = nothing
+    seen: Callable[[Fit], None] = nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Fits of an interrupted run, taken up again exactly as they were.
+"""Fits as plain records that JSON can hold, so that an interrupted run is taken up again exactly as it was.
 
 A converged fit is its vector, the registration of every recording and the change on finer pixels that it was made with:
 all else follows, derivatives included. Numbers are kept to the last digit, for the search goes on from these fits, and
@@ -9,58 +9,23 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dlwpredict.effects import library
-from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.free import Free, with_values
-from dlwpredict.infer.model import Key, moving
-from dlwpredict.infer.objective import Fit, Objective, Work
-from dlwpredict.parallel import ALONE
+from dlwpredict.infer.model import moving
+from dlwpredict.infer.objective import Fit, Objective
 from dlwpredict.parameters import declarations
 
 MAPS = "maps"
 """Under this name stand the changes on finer pixels, by a checksum: many fits share one."""
 
 
-@dataclass(eq=False)
-class TakenUp(Fitter):
-    """A fitter that has what is stored from an earlier run; what it fits is stored as soon as it is known."""
-
-    @classmethod
-    def of(cls, fitter: Fitter) -> TakenUp:
-        """Return the same fitter with a memory; its `stored` is a plain mapping that JSON can hold."""
-        fitter.stored.setdefault(MAPS, {})
-        return cls(**{one.name: getattr(fitter, one.name) for one in fields(fitter)})
-
-    def _alone(self) -> Objective:
-        objective = super()._alone()
-        if self.workers is ALONE:
-            return objective
-        return replace(objective, work=Work(stop=_nothing, seen=_nothing))  # another process finds them by their names
-
-    def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
-        taken = [key for key in models if " ".join(key) in self.stored]
-        maps = self.stored[MAPS]
-        jobs = [(self._alone(), self.like, self.stored[" ".join(key)], maps) for key in taken]
-        for key, (found, spent) in zip(taken, self.workers.each(_restored, jobs), strict=True):
-            self.known[key] = self._shared(found)
-            self.objective.work.predictions += spent
-        others = {key: starts for key, starts in models.items() if key not in taken}
-        super()._converge(others)
-        for key in others:
-            self.stored[" ".join(key)] = _record(self.known[key], maps)
-
-
-def _nothing(*_: object) -> None:
-    """Do nothing."""
-
-
-def _record(fit: Fit, maps: dict[str, str]) -> dict[str, Any]:
+def recorded(fit: Fit, maps: dict[str, str]) -> dict[str, Any]:
+    """Return a fit as a record; changes on finer pixels that are new are added to the maps."""
     items = []
     for item in fit.data:
         values = np.ascontiguousarray(item.discretisation_um, dtype=float).tobytes()
@@ -73,7 +38,7 @@ def _record(fit: Fit, maps: dict[str, str]) -> dict[str, Any]:
     return {"effects": effects, "values": dict(zip(fit.free.names, fit.vector.tolist(), strict=True)), "items": items}
 
 
-def _restored(objective: Objective, like: Free, record: dict[str, Any], maps: dict[str, str]) -> tuple[Fit, float]:
+def restored(objective: Objective, like: Free, record: dict[str, Any], maps: dict[str, str]) -> tuple[Fit, float]:
     """Return a fit as it was, and the work that it took."""
     effects = tuple(library()[name](**values) for name, values in record["effects"].items())
     free = moving(with_values(replace(like.base, effects=effects), record["values"]), like)
