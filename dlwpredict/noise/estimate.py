@@ -83,6 +83,7 @@ RECENTRED = 4
 REPLICATES = 24
 """Maps drawn from an estimate on which it is repeated, to learn its error."""
 
+_NOTHING = 1e-12
 _BLOCK, _MODELS = 512, 32
 """Points and models at a time, to bound memory: a block fits the cache."""
 
@@ -310,11 +311,12 @@ class _Likelihood:
         products = self._products(coefficients, variances)
         m, points = self.maps, len(self.chosen.own)
         rank = products.shape[1] - m
-        sizes = np.sqrt(np.diagonal(products, axis1=1, axis2=2))
+        sizes = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), _NOTHING))
         products /= sizes[:, :, None] * sizes[:, None, :]  # else rounding of the largest would swamp the smallest
         root = np.linalg.cholesky(products[:, m:, m:] + ROUNDING * np.eye(rank))
         along = np.linalg.solve(root, products[:, m:, :m])
-        squares = sizes[:, :m] ** 2 * (1 - np.sum(along**2, axis=1)) / (points - rank)
+        left = np.maximum(1 - np.sum(along**2, axis=1), _NOTHING)  # a map may be nothing but what the design holds
+        squares = sizes[:, :m] ** 2 * left / (points - rank)
         logs = self.share * np.log(variances) @ self.chosen.patterns[2]
         logs += 2 * np.log(np.diagonal(root, axis1=1, axis2=2) * sizes[:, m:]).sum(axis=1)
         return logs[:, None] + (len(self.table) - rank) * np.log(squares), np.log(squares) / 2
