@@ -69,7 +69,7 @@ class Banana:
 
     def at(self, free: Free, vector: np.ndarray, near: Fit | None = None) -> Fit:
         self.places += 1
-        return by_hand(free, vector, np.array([3 * (vector[1] - vector[0] ** 2), 1 - vector[0], 100]))
+        return by_hand(free, vector, np.array([3 * (vector[1] - vector[0] ** 2), 1 - vector[0], 0]))
 
     def differentiated(self, now: Fit) -> Fit:
         """Differentiate what is subtracted: recording − prediction is the residual."""

@@ -121,7 +121,8 @@ class Fitter:
         unknown = {key: own for key, own in starts.items() if key not in self.known and key not in self.quick}
         jobs = [(self._alone(), self.like, tuple(own)) for own in unknown.values()]
         for key, (found, spent) in zip(unknown, self.workers.each(_quick, jobs), strict=True):
-            self.quick[key] = self._shared(found)
+            quick = self._shared(found)
+            self.quick[key] = replace(quick, traces=tuple(one.bare for one in quick.traces))
             self.objective.work.predictions += spent
         costs = {key: (self.known.get(key) or self.quick[key]).cost for key in starts}
         hoped = {key: min(cost, promised.get(key, np.inf)) for key, cost in costs.items() if key not in self.known}

@@ -77,6 +77,11 @@ class Trace:
         """Predicted heights on the target's grid, shape (rows, cols)."""
         return self.states[-1].heights_um
 
+    @property
+    def bare(self) -> Trace:
+        """The prediction without the states that it passed through: nothing can be taken over from it."""
+        return replace(self, states=self.states[-1:], room=(-1, -1))
+
 
 def trace(target: HeightMap, parameters: ParameterSet, numerics: Numerics, known: Trace | None = None) -> Trace:
     """Predict what an instrument would show, starting from the last state that an earlier prediction shares.

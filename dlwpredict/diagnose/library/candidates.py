@@ -113,8 +113,8 @@ def candidates(parameters: ParameterSet) -> list[Candidate]:
 def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
     """Return the settings of an effect's shape that are worth a column.
 
-    Shares, phases and directions mix two columns each, so that all their ends are combined; lengths and centres are
-    tried one at a time from their defaults.
+    Shares, phases and directions mix two columns each, so that all their ends are combined (a wave whose amplitude has
+    one sign, from all four sides); lengths and centres are tried one at a time from their defaults.
     """
     mixed: list[dict[str, float]] = [{}]
     varied: list[dict[str, float]] = [{}]
@@ -137,7 +137,7 @@ def _values(name: str, default: float, declared: Declaration) -> list[float]:
     if declared.unit == "°":
         return [0.0, 45.0]
     if declared.unit == "rad":
-        return [0.0, np.pi / 2]
+        return [0.0, np.pi / 2, np.pi, -np.pi / 2]
     if declared.unit == "µm" and declared.low > 0:
         shapes = WAVES if name == "period_um" else SHAPES
         return [float(np.clip(default * s, declared.low, declared.high)) for s in shapes]
