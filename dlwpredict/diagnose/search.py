@@ -173,7 +173,7 @@ class Search:
         found = [self._at(kept, sets, subset, small)]
         if len(subset.added) == 1:
             large = [float(np.sign(a) * np.clip(abs(a), 1.0, FARTHEST)) for a in small]
-            found.append(self._at(kept, sets, subset, large))
+            found += [self._at(kept, sets, subset, large)] if large != small else []
         return [Start(parameters, model) for parameters in found]
 
     def _at(self, kept: ParameterSet, sets: Sets, subset: Subset, shares: Sequence[float]) -> ParameterSet:

@@ -24,6 +24,9 @@ from dlwpredict.parameters import Paper, ParameterSet, declarations
 QUICK_STEPS = 5
 """Steps of a quick fit, which has derivatives of its parent."""
 
+LOOK, FOLLOWED = 8, 1.05
+"""Steps of a descent from the paper's seven before it is given up where it costs more than this many times the other."""
+
 RIM = 1.0
 """The change on finer pixels is taken anew where a fit has moved it by more than this energy, in units of the noise."""
 
@@ -182,7 +185,9 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     found = _converged(objective, first, like)
     if (other := _from_paper(found)) is not None:
         again = objective.differentiated(repixelled(objective, objective.at(found.free, other, found)))
-        found = min(found, _converged(objective, again, like, fresh=True), key=lambda one: one.cost)
+        again = descend(objective, again, steps=LOOK)
+        if again.cost < FOLLOWED * found.cost:
+            found = min(found, _converged(objective, again, like), key=lambda one: one.cost)
     return found, objective.work.predictions
 
 
