@@ -20,8 +20,10 @@ NAMED = {
 """Effects that stand alone on these structures: settings and side."""
 
 NOTHING, ONE = 250, 600
-"""Predictions of all recordings that a diagnosis takes at most, with nothing and with one effect concealed. The aim is 500
-for one: a wave of height and a bias on slopes still take 570 and 590."""
+"""Predictions of all recordings that a diagnosis takes at most, with nothing and with one effect concealed.
+
+The aim is 500 for one: a wave of height and a bias on slopes still take 570 and 590.
+"""
 
 
 @pytest.mark.slow
