@@ -25,7 +25,7 @@ QUICK_STEPS = 5
 """Steps of a quick fit, which has derivatives of its parent."""
 
 LOOK, FOLLOWED = 8, 1.05
-"""Steps of a descent from the paper's seven before it is given up where it costs more than this many times the other."""
+"""Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other."""
 
 RIM = 1.0
 """The change on finer pixels is taken anew where a fit has moved it by more than this energy, in units of the noise."""
