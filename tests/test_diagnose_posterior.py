@@ -213,7 +213,7 @@ class TestSearch:
             (0.8, (0.4, 1.0)),
             (-0.8, (-0.4, -1.0)),
             (0.01, (LEAST, 1.0)),
-            (9.0, (START_SHARE * FARTHEST, START_SHARE * FARTHEST)),
+            (9.0, (START_SHARE * FARTHEST,)),
         ],
     )
     def test_refits_begin_small_and_at_typical_size_and_the_process_has_answered(self, strength, begun):
