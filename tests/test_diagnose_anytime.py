@@ -40,8 +40,12 @@ def prints(tmp_path_factory):
 
 
 def begun(prints, folder, *words, jobs="1"):
-    """Start a diagnosis into a folder, in a process group of its own."""
-    program = [sys.executable, "-c", "from dlwpredict.cli import main; main()", "diagnose"]
+    """Start a diagnosis into a folder, in a process group of its own.
+
+    It listens to Ctrl-C as from a terminal, even where these tests run in the background and ignore it.
+    """
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = [sys.executable, "-c", f"{listen}; from dlwpredict.cli import main; main()", "diagnose"]
     pairs = [str(prints / name) for name in ("t0.tif", "r0.tif", "t1.tif", "r1.tif")]
     given = ["--pair", *pairs[:2], "--pair", *pairs[2:], "-o", "d.yaml", "--no-advice", "--jobs", jobs, *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
