@@ -3,6 +3,8 @@
 Small maps, so that it is cheap; at the size of real work `make bench-diagnose` and `make prove` ask the same.
 """
 
+from functools import cache
+
 import pytest
 
 from tests.mission import answered, target
@@ -13,33 +15,53 @@ NAMED = {
     "edge-drying": ({"depth_um": 0.15, "length_um": 3.0}, "print"),
     "lateral-shrinkage": ({"strain": 0.02, "pin_height_um": 5.0}, "print"),
     "shrinkage-nonlinearity": ({"exponent": 1.6}, "print"),
+    "galvo-lag": ({"lag_um": 0.3, "model": "time"}, "print"),
     "z-linearity": ({"periodic_um": 0.03, "period_um": 3.0}, "measurement"),
     "slope-error": ({"bias_um": 0.05}, "measurement"),
     "field-curvature": ({"sag_um": 0.1}, "measurement"),
 }
 """Effects that stand alone on these structures: settings and side."""
 
-NOTHING, ONE = 250, 600
-"""Predictions of all recordings that a diagnosis takes at most, with nothing and with one effect concealed.
+NOTHING, ONE = 250, 500
+"""Predictions of all recordings that a diagnosis may take at most, with nothing and with one effect concealed."""
 
-The aim is 500 for one: a wave of height and a bias on slopes still take 570 and 590.
-"""
+MISSED = ("galvo-lag",)
+"""Named first, but beside astigmatism, and what the lag does on pixels as wide as the focus stays unexplained."""
+
+DEAR = ("galvo-lag", "slope-error", "z-linearity")
+"""Those for which it takes more: the seven alone are far off, and rivals are followed along bent valleys."""
+
+
+def but_for(missed):
+    """Return all names; what is known to be missed must be so, or the mark goes."""
+    miss = pytest.mark.xfail(strict=True, reason="not reached")
+    return [pytest.param(one, marks=miss) if one in missed else one for one in NAMED]
+
+
+@cache
+def answer_to(name):
+    return answered({"name": name, **NAMED[name][0]})
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("name", but_for(MISSED))
 def test_a_concealed_effect_is_named_alone_and_on_its_side(name):
     settings, side = NAMED[name]
-    found, work = answered({"name": name, **settings})
+    found, _ = answer_to(name)
     first = found.named[0]
     assert first.names == [name] and len(found.named) == 1
     assert found.verdict == "identified"
     assert first.sides[side] == pytest.approx(1) and first.probability > 0.95
     intervals = found.intervals(found.extended.fit).as_dict()
-    for key, value in settings.items():
+    for key in settings.keys() - {"model"}:
         low, high = intervals[f"{name}.{key}"]
-        assert low <= value <= high
-    assert work.predictions <= ONE
+        assert low <= settings[key] <= high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", but_for(DEAR))
+def test_a_diagnosis_of_one_effect_takes_no_more_work_than_it_may(name):
+    assert answer_to(name)[1].predictions <= ONE
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,6 +15,7 @@ from dlwpredict.calibrate.words import cautions_of
 from dlwpredict.cli.anytime import Clock, Companion, cpu_s, end_workers, fingerprint
 from dlwpredict.cli.anytime import said as about
 from dlwpredict.cli.console import detail, progress_shown, say, warn
+from dlwpredict.cli.diagnosis_files import maps_of, write_maps, write_report
 from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnose.answer.advise import advise
 from dlwpredict.diagnose.answer.content import FORMAT, content_of, untested
@@ -24,7 +23,7 @@ from dlwpredict.diagnose.answer.sides import undecided
 from dlwpredict.diagnose.answer.words import listed
 from dlwpredict.diagnose.run import STAGES, Diagnosis, Stage, diagnose
 from dlwpredict.errors import InputError
-from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import origin, with_cautions
@@ -379,70 +378,6 @@ def _advised(found: Diagnosis, content: dict[str, Any]) -> None:
             advice = advise(found.baseline.fit, [member.effect for member in item.members])
             finding["separate_by"] = advice.sentence if advice else None
             finding["separate_command"] = advice.command if advice else None
-
-
-def maps_of(found: Diagnosis, k: int) -> dict[str, np.ndarray]:
-    """Return the maps of a pair, µm and shares, NaN where nothing counts, shape (rows, cols)."""
-    used = found.recordings[k].used
-    residual, remainder = found.baseline.fit.residual_um(k), found.extended.fit.residual_um(k)
-    return {
-        "residual": residual,
-        "mismatch": np.where(used, found.mismatch[k], np.nan),
-        "explained": residual - remainder,
-        "remainder": remainder,
-    }
-
-
-def write_maps(folder: Path, found: Diagnosis, pairs: Sequence[Pair]) -> None:
-    """Write the maps of all pairs on the pixels of their files, all of them or none."""
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}") as temporary:
-        for k, pair in enumerate(pairs):
-            for name, values in maps_of(found, k).items():
-                write_height_map(Path(temporary) / f"{name}_{k}.tif", pair.fine(values))
-        folder.mkdir(exist_ok=True)
-        for file in sorted(Path(temporary).iterdir()):
-            shutil.move(file, folder / file.name)
-
-
-def write_report(path: Path, found: Diagnosis, content: dict[str, Any], pairs: Sequence[Pair]) -> None:
-    """Write the diagnosis as one HTML page."""
-    from dlwpredict.pages.diagnosis import PairMaps, write_page
-
-    pictures = []
-    for k, pair in enumerate(pairs):
-        item, shown = found.recordings[k], maps_of(found, k)
-        measured = item.measured.with_heights(np.where(item.used, item.measured.heights_um, np.nan))
-        pictures.append(
-            PairMaps(
-                str(pair.files[1]),
-                item.target,
-                measured,
-                found.baseline.fit.predicted_um(k),
-                found.extended.fit.predicted_um(k),
-                shown["residual"],
-                shown["explained"],
-                shown["remainder"],
-                found.mismatch[k],
-            )
-        )
-    write_page(path, content, pictures, command=content["provenance"]["command"], evidence=_evidence(found))
-
-
-def _evidence(found: Diagnosis) -> list:
-    """Return the best score of every switch of every effect, the strongest first."""
-    from dlwpredict.pages.diagnosis import Evidence
-
-    screen, best = found.screen, {}
-    scores, amplitudes, visible = screen.z, screen.amplitude, screen.visible
-    for k in np.argsort(-np.abs(scores), kind="stable"):
-        candidate = screen.chosen[k]
-        name = f"{candidate.name}.{candidate.switch}"
-        if name not in best:
-            strength = candidate.off + amplitudes[k] * candidate.unit
-            unit = "" if candidate.declaration.unit == "1" else f" {candidate.declaration.unit}"
-            threshold, seen = float(np.sqrt(found.thresholds.first)), float(visible[k])
-            best[name] = Evidence(name, float(scores[k]), threshold, f"{strength:.3g}{unit}", seen)
-    return list(best.values())
 
 
 @contextmanager
