@@ -137,10 +137,14 @@ class Readings:
     crosslink_reference : {"structure_maximum", "bulk"}
         What cross-linking is divided by before it is mapped to κ: its largest value in this structure (the
         paper, Eq. 3; κ then depends on the structure), or its value inside a large block (1).
+    pixels : {"points", "squares"}
+        What a pixel of a map is: a point of a smooth surface; or a square that is written as such, and whose height in
+        a print is the mean over it. They differ by the variance p²/12 of a square of side p beside that of the focus.
     """
 
     threshold_reference: Literal["full_dose", "structure_maximum"] = "full_dose"
     crosslink_reference: Literal["structure_maximum", "bulk"] = "structure_maximum"
+    pixels: Literal["points", "squares"] = "points"
 
     def __post_init__(self) -> None:
         for name, choices in READING_CHOICES.items():
@@ -155,6 +159,7 @@ class Readings:
 READING_CHOICES = {
     "threshold_reference": ("full_dose", "structure_maximum"),
     "crosslink_reference": ("structure_maximum", "bulk"),
+    "pixels": ("points", "squares"),
 }
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
-from dlwpredict.model.states import STAGES, Numerics
-from dlwpredict.model.steps import CrossLinking, Exposure, Shrinkage, Slicing, Threshold
+from dlwpredict.model.states import SQUARE_PX, STAGES, Numerics
+from dlwpredict.model.steps import CrossLinking, Exposure, PixelMean, Shrinkage, Slicing, Threshold
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
 
@@ -54,12 +54,14 @@ def steps(
         Rows and columns of room around the map, which an instrument does not see.
     """
     p, readings = parameters.paper, parameters.readings
+    squares = readings.pixels == "squares"
     chain = [
         Slicing(parameters.writing.slicing_um),
-        Exposure(p.exposure_fwhm_xy_um, p.exposure_fwhm_z_um, numerics),
+        Exposure(p.exposure_fwhm_xy_um, p.exposure_fwhm_z_um, numerics, SQUARE_PX if squares else 0.0),
         Threshold(p.threshold, readings.threshold_reference),
         CrossLinking(p.crosslink_fwhm_xy_um, p.crosslink_fwhm_z_um),
         Shrinkage(p.shrinkage_min, p.shrinkage_max, readings.crosslink_reference),
+        *([PixelMean()] if squares else []),
         *([FieldOfView(room_px)] if any(room_px) else []),
     ]
     added = [effect for effect in parameters.effects if as_measured or effect.stage != "recording"]

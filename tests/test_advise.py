@@ -133,7 +133,7 @@ def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
     assert expected.pair == (0, 1)
 
     physics = replace(quiet.parameters, effects=(VIGNETTING,))
-    old, new = quiet.data[0], simulated(pads.target, predict(pads.target, quiet.parameters), quiet, False)
+    old, new = quiet.data[0], simulated(pads.target, predict(pads.target, quiet.parameters), quiet)
     data = [
         replace(item, recording=replace(item.recording, measured=predict(item.recording.target, physics)))
         for item in (old, new)

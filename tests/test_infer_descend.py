@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from dlwpredict import designs
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer import fitter as fitting
 from dlwpredict.infer.descend import _broyden, _step, descend
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.free import Free, choose
@@ -153,6 +155,38 @@ class TestFitter:
         error = (found.vector - np.array(list(vars(truth.paper).values()))) / np.linalg.norm(found.estimators, axis=0)
         assert np.abs(error).max() < 4
         assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
+
+    def test_what_falls_short_of_its_promise_is_fitted_once_more_and_only_what_is_near_is_converged(self, monkeypatch):
+        """Three models with a limit of 10: one is near, one comes near once it has derivatives of its own."""
+        costs, converged = {"shrinkage_min": [9.0], "shrinkage_max": [50.0, 8.0], "threshold": [60.0]}, []
+        frees = {name: choose(ParameterSet(), free=(name,)) for name in costs}
+
+        def fit(name, cost):
+            residual, free = np.array([np.sqrt(cost)]), frees[name]
+            return Fit((), free, free.start, (), Rows((1,), (0,), 0), residual, None, (), np.zeros((1, 1))), 1.0
+
+        def best(objective, like, starts, begun):
+            converged.append(starts[0].parameters)
+            return fit(starts[0].parameters, begun.cost - 1)
+
+        monkeypatch.setattr(fitting, "_quick", lambda o, like, own: fit(own[0].parameters, costs[own[0].parameters][0]))
+        monkeypatch.setattr(fitting, "_again", lambda o, like, old: fit(old.free.names[0], costs[old.free.names[0]][1]))
+        monkeypatch.setattr(fitting, "_best", best)
+        monkeypatch.setattr(fitting, "recorded", lambda found: {})
+        monkeypatch.setattr(Fitter, "free", lambda self, name: frees[name])
+        starts = [[SimpleNamespace(parameters=name)] for name in costs]
+        contestant = Fitter(Objective(()), choose(ParameterSet()))
+        ends = contestant.contest(starts, {("shrinkage_max",): 5.0}, lambda key, known: 10.0)
+        assert converged == ["shrinkage_min", "shrinkage_max"]
+        assert [end.cost for end in ends.values()] == pytest.approx([8, 7, 60])
+        assert contestant.objective.work.predictions == 6
+
+    @pytest.mark.parametrize("settled", [False, True])
+    def test_another_valley_is_looked_for_unless_the_fit_was_the_best_before(self, air, printed, monkeypatch, settled):
+        looked = []
+        monkeypatch.setattr(fitting, "_from_paper", looked.append)
+        Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS)).best(Start(LOW, settled=settled))
+        assert len(looked) == (not settled)
 
     def test_so_it_does_with_an_effect(self):
         rng, drying = np.random.default_rng(21), library()["edge-drying"]

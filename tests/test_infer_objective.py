@@ -80,7 +80,7 @@ class TestPriors:
         assert known - bare == pytest.approx(said, rel=1e-6)
 
     def test_levelling_has_none(self):
-        assert [tuple(NUISANCES)[k] for k in bounded(tuple(NUISANCES))] == [*LATERAL, "pixels"]
+        assert [tuple(NUISANCES)[k] for k in bounded(tuple(NUISANCES))] == [*LATERAL]
 
 
 class TestNuisances:

@@ -9,7 +9,7 @@ from dlwpredict import designs
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import with_values
-from dlwpredict.infer.pixels import discretisation_um, working_factor
+from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.priors import LATERAL, LEVELLING
 from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, trusted, without_spikes
 from dlwpredict.infer.trace import trace
@@ -95,11 +95,11 @@ class TestRecordings:
         used = coarser(prepare(target, target.with_heights(heights), wall_px=0), 2).used
         assert used[0, 0] and not used[1, 1] and not used[2, 2] and used[3:, 3:].all()
 
-    def test_levelling_is_free_where_heights_are_relative_and_pixels_where_nothing_is_trusted(self, air, printed):
+    def test_levelling_is_free_where_heights_are_relative_or_nothing_is_trusted(self, air, printed):
         relative = prepare(air, replace(printed, height_reference="relative"))
         assert relative.nuisances == (*LEVELLING, *LATERAL)
         assert trusted(printed) == LATERAL
-        assert doubted(prepare(air, printed)).nuisances == (*LEVELLING, *LATERAL, "pixels")
+        assert doubted(prepare(air, printed)).nuisances == (*LEVELLING, *LATERAL)
 
     def test_lone_points_that_stand_out_do_not_count(self, air, printed):
         recording = prepare(air, printed)
@@ -122,9 +122,3 @@ class TestPixels:
         part = HeightMap(np.ones((9, 9)), 0.1, 0.1)
         assert working_factor(part, ParameterSet(), 0.4) == 4
         assert working_factor(part, ParameterSet(), 0.01) == 1
-
-    def test_finer_pixels_change_edges_and_no_plateau(self, air):
-        stairs = designs.stairs(size_um=24.0, feature_um=3.0, **COMMON)
-        recording = prepare(stairs, stairs, wall_px=0)
-        change = np.abs(discretisation_um(recording, TRUTH, predict(stairs, TRUTH).heights_um))
-        assert np.percentile(change, 99) > 5 * np.median(change)

@@ -10,7 +10,7 @@ from dlwpredict import designs
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.descend import descend
-from dlwpredict.infer.fitter import FOCUS_MOVED, Fitter, Start, _from_paper, repixelled
+from dlwpredict.infer.fitter import Fitter, Start, _from_paper
 from dlwpredict.infer.free import Free, choose
 from dlwpredict.infer.intervals import deviations
 from dlwpredict.infer.model import freed
@@ -18,7 +18,6 @@ from dlwpredict.infer.noises import plane
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Nuisances, Objective
 from dlwpredict.infer.objective import step as step_of
-from dlwpredict.infer.pixels import discretisation_um, discretised, place_of
 from dlwpredict.infer.priors import LEVELLING, NUISANCES, bounded
 from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.rows import Rows
@@ -26,7 +25,7 @@ from dlwpredict.infer.whitened import STEEPEST, Whitened, bending, displacements
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
-from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
 from dlwpredict.smoothing import block_mean
 
@@ -97,9 +96,7 @@ class TestNuisances:
         item = replace(item_of(target, target), shift_um=(0.12, -0.07))
         first, second = np.random.default_rng(0).normal(size=(2, *target.shape))
         values = np.array([0.01 * k for k in range(len(item.nuisances))])
-        lateral = np.array(
-            [0.0 if name in (*LEVELLING, "pixels") else v for name, v in zip(item.nuisances, values, strict=True)]
-        )
+        lateral = np.array([0.0 if name in LEVELLING else v for name, v in zip(item.nuisances, values, strict=True)])
 
         def shown(heights):
             return item.moved(heights) + np.tensordot(lateral, item.nuisance_maps(heights), axes=1)
@@ -166,62 +163,19 @@ def test_derivatives_are_those_of_what_registration_shows():
             assert np.linalg.norm(alone - expected) > 0.1 * np.linalg.norm(expected)
 
 
-class TestPixels:
-    """A print of a focus 0.5 µm wide on pixels of 0.4 µm, with the change on finer pixels taken at another width."""
-
-    @staticmethod
-    def begun(held_at_um, seed=4):
-        truth = ParameterSet(paper=Paper(exposure_fwhm_xy_um=0.5))
-        target = designs.air(size_um=24, pitch_um=0.4, margin_um=2, seed=3)
-        fine = HeightMap(np.kron(target.heights_um, np.ones((2, 2))), 0.2, 0.2)
-        printed = block_mean(predict(fine, truth).heights_um, (2, 2))
-        noise = Noise(0.002, 0.002, 0.8, 0.4, 0.4)
-        noisy = printed + noise.simulate(printed.shape, np.random.default_rng(seed))
-        item = Whitened.of(doubted(prepare(target, target.with_heights(noisy))), Uneven(noise))
-        objective, held = Objective((item,)), ParameterSet(paper=Paper(exposure_fwhm_xy_um=held_at_um))
-        data = discretised(objective.data, held, [predict(target, held).heights_um], objective.work)
-        return replace(objective, data=data), truth
-
-    @pytest.mark.parametrize("seed", [4, 6])
-    def test_are_taken_where_the_fit_is(self, seed):
-        """Held to a width far from the truth they would hold the fitted width there, with much confidence."""
-        objective, truth = self.begun(1.0, seed)
-        free = choose(truth)
-        found = Fitter(objective, free).best(Start(truth))
-        place = found.free.index("exposure_fwhm_xy_um")
-        sd = np.linalg.norm(found.estimators[:, place])
-        assert abs(found.vector[place] - 0.5) < 3 * sd
-        assert found.data[0].discretised[1] == pytest.approx(np.log(found.vector[place]), abs=2 * FOCUS_MOVED)
-        held = predict(found.data[0].recording.target, found.parameters).heights_um
-        own = discretisation_um(found.data[0].recording, found.parameters, held)
-        white = found.data[0].white(found.data[0].discretisation_um - own)
-        assert white @ white < 1
-
-    def test_stay_where_they_make_no_difference(self):
-        objective, truth = self.begun(0.5)
-        free = choose(truth)
-        fit, moved = (objective.at(free, v) for v in (free.start, free.start + 0.01 * (np.arange(7) == 0)))
-        assert repixelled(objective, fit) is fit and repixelled(objective, moved) is moved
-        far = objective.at(free, free.start + 0.2 * (np.arange(7) == 0))
-        assert repixelled(objective, far) is not far
-
-    def test_are_those_of_another_process_where_its_effects_are_others(self):
-        process = ParameterSet(effects=(library()["curl"](),))
-        assert place_of(process) == (("curl",), place_of(ParameterSet())[1])
-
-    def test_an_effect_of_the_recording_acts_on_the_pixels_of_the_recording(self):
-        """A tilted pupil adds s·∂t/∂x on gentle ground: the change on finer pixels is passed on as c + s·∂c/∂x."""
-        target = designs.lens(radius_um=300, size_um=20, pitch_um=0.4, margin_um=2)
-        tilted = ParameterSet(effects=(library()["slope-error"](signed_x_um=0.3),))
-        recording = prepare(target, predict(target, ParameterSet()))
-        plain, seen = (
-            discretisation_um(recording, process, predict(target, process, as_measured=True).heights_um)
-            for process in (ParameterSet(), tilted)
-        )
-        expected = plain + 0.3 * np.gradient(plain, 0.4, axis=1)
-        inside = np.s_[12:-12, 12:-12]
-        assert np.abs(plain[inside]).max() > 1e-5
-        np.testing.assert_allclose(seen[inside], expected[inside], atol=1e-9)
+@pytest.mark.parametrize("seed", [4, 6])
+def test_pixels_are_no_part_of_the_width(seed):
+    """A focus of 0.5 µm printed on squares of 0.4 µm and seen on pixels of 0.4 µm is found as wide as it is."""
+    truth = ParameterSet(paper=Paper(exposure_fwhm_xy_um=0.5), readings=Readings(pixels="squares"))
+    target = designs.air(size_um=24, pitch_um=0.4, margin_um=2, seed=3)
+    fine = HeightMap(np.kron(target.heights_um, np.ones((4, 4))), 0.1, 0.1)
+    printed = block_mean(predict(fine, ParameterSet(paper=truth.paper)).heights_um, (4, 4))
+    noise = Noise(0.002, 0.002, 0.8, 0.4, 0.4)
+    noisy = printed + noise.simulate(printed.shape, np.random.default_rng(seed))
+    item = Whitened.of(doubted(prepare(target, target.with_heights(noisy))), Uneven(noise))
+    found = Fitter(Objective((item,)), choose(truth)).best(Start(truth))
+    place = found.free.index("exposure_fwhm_xy_um")
+    assert abs(found.vector[place] - 0.5) < 3 * np.linalg.norm(found.estimators[:, place])
 
 
 class Misled:

@@ -1,5 +1,7 @@
 """The chain against closed forms, and the two numerics against each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
@@ -9,7 +11,8 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.exposed_surface import _cubic_root
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.levels import Levels
-from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus
+from dlwpredict.model.states import SQUARE_PX, Crosslinked, Dose, Exposed, Focus
+from dlwpredict.model.steps import PixelMean
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
 from dlwpredict.process import predict, room_px
@@ -63,6 +66,23 @@ class TestSmoothing:
         cloud = Focus(1.0, 10.0, 16.0, 1.0).spread(spot, 1.0, 1.0)
         assert cloud[30, 35] / cloud[30, 30] == pytest.approx(0.5, rel=1e-6)
         assert cloud[38, 30] / cloud[30, 30] == pytest.approx(0.5, rel=1e-6)
+
+    @pytest.mark.parametrize("angle_deg", [0.0, 90.0])
+    def test_a_square_pixel_has_the_exposure_of_the_parts_that_it_is_made_of(self, angle_deg):
+        """Written as one pixel or as five by five fifths of it, the exposure at its centre is the same."""
+        heights = np.pad(np.random.default_rng(2).uniform(1, 3, (24, 30)), 5)
+        parts, focus = np.kron(heights, np.ones((5, 5))), Focus(1.0, 0.5, 0.7, 1.5, angle_deg=angle_deg)
+        exact = focus.spread(parts, 0.08, 0.06)[2::5, 2::5]
+        square, point = (replace(focus, square_px=s).spread(heights, 0.4, 0.3) for s in (SQUARE_PX, 0.0))
+        assert np.std(square - exact) < 0.2 * np.std(point - exact)
+
+    def test_a_pixel_shows_the_mean_over_it(self):
+        """Of a wave, exactly sinc(kp/2); a wall stays where it is, give or take a sixth of a pixel's width."""
+        x = 0.3 * np.arange(80)
+        wave, wall = np.cos(1.1 * x), np.where(x > 12, 30.0, 0.0)
+        shown = [PixelMean()(HeightMap(np.tile(line, (6, 1)), 0.3, 0.7)).heights_um[3] for line in (wave, wall)]
+        np.testing.assert_allclose(shown[0][2:-2], np.sinc(1.1 * 0.3 / 2 / np.pi) * wave[2:-2], atol=2e-4)
+        assert np.abs(shown[1] - wall).max() == pytest.approx(4 * 0.3 / 24)
 
     def test_turned_gaussian_agrees_with_axis_parallel_one(self):
         plane = np.random.default_rng(1).normal(size=(40, 50))

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
+from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.voxels import Voxels
-from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
+from dlwpredict.smoothing import block_mean
+from dlwpredict.walls import near_walls
 from tests.press import press_from, print_part
 
 PAPERS = [
@@ -14,6 +17,10 @@ PAPERS = [
     Paper(0.8, 2.1, 0.44, 5.0, 6.0, 0.72, 0.95),
     Paper(0.6, 1.3, 0.56, 4.4, 8.0, 0.65, 0.9),
 ]
+
+
+FINER = 3
+"""Squares are printed on pixels so many times finer: the press takes its pixels for points."""
 
 
 def pressed(target, paper):
@@ -39,3 +46,18 @@ def test_press_prints_what_voxels_predict():
     difference = (pressed(target, PAPERS[1]) - voxels)[target.heights_um > 0]
     rounding = 0.02 / np.sqrt(12)
     assert np.sqrt(np.mean(difference**2)) < rounding + 0.003
+
+
+@pytest.mark.parametrize("kind", ["cin", "air"])
+def test_press_prints_squares_as_they_are_read(kind):
+    """Pixels of 0.4 µm beside a focus of 0.5 µm: read as points they err more than twice as much as as squares."""
+    target, paper = getattr(designs, kind)(size_um=24, pitch_um=0.4, margin_um=4), Paper(0.5, 1.5, 0.45)
+    squares = np.kron(target.heights_um, np.ones((FINER, FINER)))
+    fine = HeightMap(squares, target.dx_um / FINER, target.dy_um / FINER)
+    printed = block_mean(pressed(fine, paper), (FINER, FINER))
+    used = (target.heights_um > 0) & ~near_walls(target)
+    errors = []
+    for reading in ("points", "squares"):
+        predicted = predict(target, ParameterSet(paper=paper, readings=Readings(pixels=reading))).heights_um
+        errors.append(np.sqrt(np.mean((printed - predicted)[used] ** 2)))
+    assert errors[1] < 0.5 * errors[0]

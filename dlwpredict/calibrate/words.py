@@ -132,7 +132,7 @@ def width_if_square(fwhm_um: float, pitch_um: float) -> float:
 def _about_pixels(end: Fit, found: Intervals) -> list[str]:
     """Say where the reading of a pixel moves the width of the focus out of its interval."""
     place = end.free.index("exposure_fwhm_xy_um")
-    if place is None:
+    if place is None or end.parameters.readings.pixels == "squares":
         return []
     targets = [item.recording.target for item in end.data]
     pitch = max(max(target.dx_um, target.dy_um) for target in targets)
@@ -141,7 +141,7 @@ def _about_pixels(end: Fit, found: Intervals) -> list[str]:
         return []
     return [
         f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: here the part is smooth between them; "
-        f"were they written as squares, it would be {other:.2g} µm"
+        f"were they written as squares (readings: {{pixels: squares}}), it would be {other:.2g} µm"
     ]
 
 

@@ -21,7 +21,7 @@ from dlwpredict.diagnose.structure.spots import Bumps
 from dlwpredict.diagnose.structure.test import SINGLE, Model
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer import held_out
-from dlwpredict.infer.baseline import fitter_of, rough
+from dlwpredict.infer.baseline import fitter_of, read_as_squares, rough
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.intervals import Intervals, intervals
@@ -207,6 +207,7 @@ def diagnose(
     tell(Stage.of("fit", "fitting the seven"))
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
     objective = Objective(first.data, PARAMETERS, work)
+    first = min(first, read_as_squares(first, objective), key=lambda fit: fit.cost)
     tell(Stage.of("signatures", "what each named effect would change"))
     signatures = {frozenset(): Signatures.of(first, (), work, workers)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
@@ -306,9 +307,8 @@ def _designs(first: Fit, signatures: Signatures, objective: Objective) -> list[n
     for k, item in enumerate(first.data):
         grid, predicted = item.recording.target, first.traces[k].heights_um
         shifts = gradient(predicted, grid.dx_um, 1), gradient(predicted, grid.dy_um, 0)
-        fine = np.broadcast_to(item.discretisation_um, grid.shape)
         named = np.stack([maps[k] for maps in signatures.maps_um])
-        designs.append(np.concatenate([smooth_forms(grid), derivatives[k], np.stack([*shifts, fine]), named]))
+        designs.append(np.concatenate([smooth_forms(grid), derivatives[k], np.stack(shifts), named]))
     return designs
 
 

@@ -63,10 +63,12 @@ class Search:
         self.asked = thresholds(self.first, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
 
     def begin_with(self, earlier: Iterable[Fit]) -> None:
-        """Refit sets that an earlier search, with another noise model, ended among."""
-        starts = {self.names(fit.parameters): [Start(fit.parameters)] for fit in earlier}
+        """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
+        starts = {self.names(fit.parameters): [Start(fit.parameters, settled=True)] for fit in earlier}
         starts.pop(frozenset(), None)
-        self._refit(starts, dict.fromkeys(starts, -np.inf), frozenset())
+        for names in list(starts)[:1]:
+            self._refit({names: starts.pop(names)}, {names: -np.inf}, frozenset())
+            self._refit(starts, dict.fromkeys(starts, np.inf), names)
 
     def run(self) -> Names:
         """Return the names of the best set."""
@@ -101,11 +103,13 @@ class Search:
         return (self.price(len(names)) - self.price(len(names) - 1)) * self.spread.get(name, 1.0) ** 2
 
     def near(self) -> list[Fit]:
-        """Return the fits that come near the best: those that another noise model might prefer."""
+        """Return the best fit, and those that come near it: another noise model might prefer them."""
         best = self.best()
         limit = self.fitted[best].cost + self.width_of_set(best)
         reduced = [best - {name} for name in best]
-        return [fit for names, fit in self.fitted.items() if fit.cost <= limit or names == best or names in reduced]
+        others = [names for names in self.fitted if names != best]
+        near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
+        return [self.fitted[names] for names in (best, *near)]
 
     def width_of_set(self, names: Names) -> float:
         """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""

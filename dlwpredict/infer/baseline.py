@@ -11,9 +11,9 @@ import numpy as np
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.fitter import Fitter
 from dlwpredict.infer.free import Free
+from dlwpredict.infer.model import moving
 from dlwpredict.infer.noises import scale_um, white
 from dlwpredict.infer.objective import Fit, Objective, Work
-from dlwpredict.infer.pixels import discretised
 from dlwpredict.infer.priors import Prior, rows
 from dlwpredict.infer.recording import Recording, coarser, without_spikes
 from dlwpredict.infer.whitened import Whitened
@@ -52,7 +52,7 @@ def rough(
     tuple of Recording
         Without their spikes.
     Fit
-        With derivatives, and the change on finer pixels of its place.
+        With derivatives.
     """
     start, factor = free.base, _factor(recordings)
     predicted = [predict(r.target, start, as_measured=True).heights_um for r in recordings]
@@ -60,7 +60,7 @@ def rough(
     left = [(r.measured.heights_um - p)[r.used] for r, p in zip(recordings, predicted, strict=True)]
     sigmas, own = [scale_um(values - np.median(values)) for values in left], Work(stop=work.stop)
     if factor > 1:
-        coarse = [replace(coarser(r, factor), nuisances=_few(r)) for r in recordings]
+        coarse = [coarser(r, factor) for r in recordings]
         for _ in range(2):
             fit = _white(coarse, sigmas, start, free, known, own)
             start, sigmas = fit.parameters, _left(fit)
@@ -71,10 +71,15 @@ def rough(
         if any(a.points != b.points for a, b in zip(recordings, kept, strict=True)):
             recordings = kept
     objective = Objective(_whitened(recordings, _left(fit)), known, work)
-    fit = descend(objective, rewhitened(fit, objective), gain=GAIN * objective.rows.data)
-    data = discretised(fit.data, fit.parameters, [one.heights_um for one in fit.traces], work)
-    now = Objective(data, known, work).at(free, fit.vector, replace(fit, data=data))
-    return tuple(recordings), replace(now, jacobian=fit.jacobian)
+    return tuple(recordings), descend(objective, rewhitened(fit, objective), gain=GAIN * objective.rows.data)
+
+
+def read_as_squares(fit: Fit, objective: Objective) -> Fit:
+    """Return a rough fit with the pixels read as squares, descended from there."""
+    parameters = fit.parameters
+    squares = replace(parameters, readings=replace(parameters.readings, pixels="squares"))
+    free = moving(squares, fit.free)
+    return descend(objective, objective.differentiated(objective.at(free, free.start, fit)), gain=GAIN * fit.rows.data)
 
 
 def fitter_of(
@@ -85,7 +90,7 @@ def fitter_of(
     objective: Objective,
     **knobs: Any,
 ) -> Fitter:
-    """Return a fitter with these noise models, whose registration and pixels are those of an earlier fit.
+    """Return a fitter with these noise models, whose registration is that of an earlier fit.
 
     Parameters
     ----------
@@ -99,11 +104,11 @@ def fitter_of(
     **knobs
         Of `Fitter`.
     """
-    data = []
-    for recording, noise, slope, item in zip(recordings, models, slopes, before.data, strict=True):
-        kept = {name: getattr(item, name) for name in ("shift_um", "discretisation_um", "discretised")}
-        data.append(replace(Whitened.of(recording, noise, slope), **kept))
-    return Fitter(replace(objective, data=tuple(data)), before.free, **knobs)
+    data = tuple(
+        replace(Whitened.of(recording, noise, slope), shift_um=item.shift_um)
+        for recording, noise, slope, item in zip(recordings, models, slopes, before.data, strict=True)
+    )
+    return Fitter(replace(objective, data=data), before.free, **knobs)
 
 
 def derivatives_um(fit: Fit) -> list[np.ndarray]:
@@ -143,11 +148,6 @@ def _left(fit: Fit) -> list[float]:
     """Return the strength of what a fit leaves of each recording, µm."""
     pairs = zip(fit.data, fit.residuals_um(), strict=True)
     return [scale_um(residual[item.recording.used]) for item, residual in pairs]
-
-
-def _few(recording: Recording) -> tuple[str, ...]:
-    """Return the nuisances that coarse pixels can show."""
-    return tuple(name for name in recording.nuisances if name != "pixels")
 
 
 def _factor(recordings: Sequence[Recording]) -> int:

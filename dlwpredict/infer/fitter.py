@@ -5,7 +5,7 @@ All starts are inside, and so is the care: who asks for the best fit of a model 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,9 +15,8 @@ from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
-from dlwpredict.infer.pixels import discretised, place_of
 from dlwpredict.infer.priors import WIDTH_SD
-from dlwpredict.infer.stored import MAPS, recorded, restored
+from dlwpredict.infer.stored import recorded, restored
 from dlwpredict.parallel import ALONE, Workers
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
@@ -26,15 +25,6 @@ QUICK_STEPS = 5
 
 LOOK, FOLLOWED = 8, 1.05
 """Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other."""
-
-RIM = 1.0
-"""The change on finer pixels is taken anew where a fit has moved it by more than this energy, in units of the noise."""
-
-REPIXELLED = 2
-"""Times at most that it is."""
-
-FOCUS_MOVED = 0.03
-"""Relative change of a lateral focus width below which that cannot be: the change goes with the square of the width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +37,13 @@ class Start:
         Values of all that moves.
     parent : Fit or None
         A fit near by, whose derivatives are taken over in a quick fit.
+    settled : bool
+        It is the best fit beside another noise model: no other valley is looked for.
     """
 
     parameters: ParameterSet
     parent: Fit | None = None
+    settled: bool = False
 
 
 @dataclass(eq=False)
@@ -103,7 +96,8 @@ class Fitter:
     ) -> dict[Key, Fit]:
         """Fit several models; only those that may matter are fitted with full care.
 
-        A model matters where its quick fit, or what it promises to first order, does not cost more than its limit.
+        A model matters where its quick fit does not cost more than its limit. One that promises to first order what its
+        quick fit has not found is fitted quickly once more, with derivatives of its own.
 
         Parameters
         ----------
@@ -121,30 +115,39 @@ class Fitter:
         starts = {key_of(self.free(own[0].parameters)): own for own in models}
         kept = {key: own for key, own in starts.items() if key not in self.known and " ".join(key) in self.stored}
         self._converge(kept)
-        unknown = {key: own for key, own in starts.items() if key not in self.known and key not in self.quick}
-        jobs = [(self._alone(), self.like, tuple(own)) for own in unknown.values()]
-        for key, (found, spent) in zip(unknown, self.workers.each(_quick, jobs), strict=True):
+        unknown = [key for key in starts if key not in self.known and key not in self.quick]
+        self._hurry(_quick, {key: tuple(starts[key]) for key in unknown})
+        costs = self._costs(starts)
+        short = [key for key in unknown if promised.get(key, np.inf) <= limit(key, costs) < costs[key]]
+        self._hurry(_again, {key: self.quick[key] for key in short})
+        costs = self._costs(starts)
+        near = [key for key, cost in costs.items() if key not in self.known and cost <= limit(key, costs)]
+        self._converge({key: starts[key] for key in near})
+        return {key: self.known.get(key) or self.quick[key] for key in starts}
+
+    def _costs(self, models: Iterable[Key]) -> dict[Key, float]:
+        return {key: (self.known.get(key) or self.quick[key]).cost for key in models}
+
+    def _hurry(self, fit: Callable[..., tuple[Fit, float]], models: Mapping[Key, Any]) -> None:
+        """Fit models quickly, each from what it has; the states of its predictions are not kept."""
+        jobs = [(self._alone(), self.like, own) for own in models.values()]
+        for key, (found, spent) in zip(models, self.workers.each(fit, jobs), strict=True):
             quick = self._shared(found)
             self.quick[key] = replace(quick, traces=tuple(one.bare for one in quick.traces))
             self.objective.work.predictions += spent
-        costs = {key: (self.known.get(key) or self.quick[key]).cost for key in starts}
-        hoped = {key: min(cost, promised.get(key, np.inf)) for key, cost in costs.items() if key not in self.known}
-        self._converge({key: starts[key] for key, cost in hoped.items() if cost <= limit(key, costs)})
-        return {key: self.known.get(key) or self.quick[key] for key in starts}
 
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
         """Bring models to convergence; what an interrupted run has left is taken up as it was."""
-        maps = self.stored.setdefault(MAPS, {})
         taken = [key for key in models if " ".join(key) in self.stored]
         others = [key for key in models if key not in taken]
-        again = [(self._alone(), self.like, self.stored[" ".join(key)], maps) for key in taken]
+        again = [(self._alone(), self.like, self.stored[" ".join(key)]) for key in taken]
         jobs = [(self._alone(), self.like, tuple(models[key]), self.quick.get(key)) for key in others]
         found = [*self.workers.each(restored, again), *self.workers.each(_best, jobs)]
         for key, (fit, spent) in zip([*taken, *others], found, strict=True):
             self.known[key] = self._shared(fit)
             self.objective.work.predictions += spent
             if key in others:
-                self.stored[" ".join(key)] = recorded(self.known[key], maps)
+                self.stored[" ".join(key)] = recorded(self.known[key])
 
     def _alone(self) -> Objective:
         """Return the objective with work of its own, so that it can be counted in another process."""
@@ -154,9 +157,7 @@ class Fitter:
     def _shared(self, found: Fit) -> Fit:
         """Return a fit that another process has made with the recordings of this one, in place of copies of its own."""
         pairs = zip(self.objective.data, found.data, strict=True)
-        moved = ("shift_um", "discretisation_um", "discretised")
-        own = [replace(a, **{name: getattr(b, name) for name in moved}) for a, b in pairs]
-        return replace(found, data=tuple(own))
+        return replace(found, data=tuple(replace(own, shift_um=other.shift_um) for own, other in pairs))
 
 
 def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[Fit, float]:
@@ -166,6 +167,12 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
         begun = _begun(objective, start, like)
         found.append(descend(objective, begun, secant=True, steps=QUICK_STEPS))
     return min(found, key=lambda one: one.cost), objective.work.predictions
+
+
+def _again(objective: Objective, like: Free, quick: Fit) -> tuple[Fit, float]:
+    """Return a quick fit that has gone on with derivatives of its own, and the work that it took."""
+    found = descend(objective, objective.differentiated(quick), secant=True, steps=QUICK_STEPS)
+    return found, objective.work.predictions
 
 
 def _begun(objective: Objective, start: Start, like: Free) -> Fit:
@@ -183,24 +190,19 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     """
     first = begun if begun is not None else _quick(objective, like, starts)[0]
     found = _converged(objective, first, like)
-    if (other := _from_paper(found)) is not None:
-        again = objective.differentiated(repixelled(objective, objective.at(found.free, other, found)))
-        again = descend(objective, again, steps=LOOK)
+    other = None if any(start.settled for start in starts) else _from_paper(found)
+    if other is not None:
+        again = objective.differentiated(objective.at(found.free, other, found))
+        again = descend(objective, again, secant=True, steps=LOOK)
         if again.cost < FOLLOWED * found.cost:
             found = min(found, _converged(objective, again, like), key=lambda one: one.cost)
     return found, objective.work.predictions
 
 
 def _converged(objective: Objective, fit: Fit, like: Free, *, fresh: bool = False) -> Fit:
-    """Descend with derivatives taken anew, past the ends of ranges that nature does not end, on pixels of its own."""
+    """Descend with derivatives taken anew, past the ends of ranges that nature does not end."""
     found = descend(objective, fit if fresh else objective.differentiated(fit))
-    found = _elsewhere(objective, found, like)
-    for _ in range(REPIXELLED):
-        again = repixelled(objective, found)
-        if again is found:
-            break
-        found = descend(objective, again)
-    return found
+    return _elsewhere(objective, found, like)
 
 
 def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:
@@ -230,22 +232,3 @@ def _from_paper(found: Fit) -> np.ndarray | None:
             if name in values and abs(values[name] - off) < abs(typical - off):
                 values[name] = off + abs(typical - off) * (np.sign(values[name] - off) or np.sign(typical - off))
     return found.free.allowed(np.array(list(values.values())))
-
-
-def repixelled(objective: Objective, found: Fit) -> Fit:
-    """Return the fit with the change on finer pixels taken where it is; the fit itself where that is no other.
-
-    What a finer grid changes hangs on the focus width, and the width on what the grid is held to change: taken far
-    from where a fit ends, one wrong holds the other.
-    """
-    here = place_of(found.parameters)
-    items = [item for item in found.data if "pixels" in item.nuisances]
-    if all(item.discretised[0] == here[0] and abs(item.discretised[1] - here[1]) < FOCUS_MOVED for item in items):
-        return found
-    shown = [one.heights_um for one in found.traces]
-    data = discretised(found.data, found.parameters, shown, objective.work)
-    moved = [b.white(b.discretisation_um - a.discretisation_um) for a, b in zip(found.data, data, strict=True)]
-    if sum(float(one @ one) for one in moved) < RIM:
-        return found
-    now = objective.at(found.free, found.vector, replace(found, data=data))
-    return replace(now, jacobian=found.jacobian)

@@ -28,7 +28,6 @@ NUISANCES: dict[str, tuple[float, float]] = {
     "scale_x": (0.0, 2e-3),  # what the certificate of a pixel pitch leaves open
     "scale_y": (0.0, 2e-3),
     "shear": (0.0, 2e-3),
-    "pixels": (1.0, 1.0),  # the change on pixels of half the size is in a recording once: a print has no pixels
 }
 """Nuisances of a recording: mean and standard deviation. Offset and tilts are µm at half the map's size."""
 

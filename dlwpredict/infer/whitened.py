@@ -86,10 +86,6 @@ class Whitened:
     noise : Uneven
     whitener : Whitener
         Turns values at the used points into independent ones of variance 1.
-    discretisation_um : numpy.ndarray, shape (rows, cols), or 0
-        Change of the prediction on pixels of half the size.
-    discretised : tuple
-        What that change hangs on most: the process's effects, and the logarithm of the focus's lateral width.
     slope : numpy.ndarray, shape (rows, cols), or 0
         |∇f| of the surface, where the noise hangs on it.
     shift_um : tuple of float
@@ -99,8 +95,6 @@ class Whitened:
     recording: Recording
     noise: Uneven
     whitener: Whitener = field(repr=False)
-    discretisation_um: np.ndarray | float = field(default=0.0, repr=False)
-    discretised: tuple[tuple[str, ...], float] = ((), 0.0)
     slope: np.ndarray | float = field(default=0.0, repr=False)
     shift_um: tuple[float, float] = (0.0, 0.0)
 
@@ -145,7 +139,6 @@ class Whitened:
             "offset": np.ones(grid.shape),
             "tilt_x": np.broadcast_to(grid.x_um / half_x, grid.shape),
             "tilt_y": np.broadcast_to(grid.y_um[:, None] / half_y, grid.shape),
-            "pixels": np.broadcast_to(self.discretisation_um, grid.shape),
         }
         fields = zip(LATERAL, displacements(grid), strict=True)
         columns |= {name: -across * right - upwards * up for name, (across, upwards) in fields}

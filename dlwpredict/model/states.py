@@ -29,6 +29,9 @@ not depend on: (rows, cols) for several heights where z does not matter, (n, 1, 
 """
 
 
+SQUARE_PX = 1 / np.sqrt(12)
+"""Standard deviation of a square of one pixel along each axis, pixels."""
+
 DEPTH_UM = 10.0
 """Height at which what grows with the depth is as declared, whatever its power."""
 
@@ -58,6 +61,8 @@ class Focus:
         Of the height that it grows with; the growth at 10 µm does not hang on it.
     lag_y_um : float
         Mean length of the one-sided exponential that trails the focus, µm; positive towards +y.
+    square_px : float
+        Standard deviation of what a pixel of the target is written as, pixels: 0 for a point, `SQUARE_PX` for a square.
     """
 
     weight: float
@@ -68,6 +73,7 @@ class Focus:
     broadening_per_um: float = 0.0
     depth_power: float = 1.0
     lag_y_um: float = 0.0
+    square_px: float = 0.0
 
     @property
     def reach_um(self) -> float:
@@ -89,12 +95,12 @@ class Focus:
     def _gaussian(self, plane: np.ndarray, dx_um: float, dy_um: float) -> np.ndarray:
         sx, sy = self.fwhm_x_um / FWHM_PER_SIGMA / dx_um, self.fwhm_y_um / FWHM_PER_SIGMA / dy_um
         if self.angle_deg % 180 == 0:
-            return blur(plane, sy, sx)
+            return blur(plane, np.hypot(sy, self.square_px), np.hypot(sx, self.square_px))
         turn = np.deg2rad(self.angle_deg)
         axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         widths = np.diag([self.fwhm_x_um**2, self.fwhm_y_um**2]) / FWHM_PER_SIGMA**2
         per_pixel = np.diag([1 / dx_um, 1 / dy_um])
-        return blur_turned(plane, per_pixel @ axes @ widths @ axes.T @ per_pixel)
+        return blur_turned(plane, per_pixel @ axes @ widths @ axes.T @ per_pixel + self.square_px**2 * np.eye(2))
 
 
 @dataclass(frozen=True)

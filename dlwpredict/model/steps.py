@@ -1,4 +1,4 @@
-"""The paper's steps, each with one physical idea: slice, expose, threshold, cross-link, shrink."""
+"""The paper's steps, each with one physical idea: slice, expose, threshold, cross-link, shrink; and what a pixel is."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus, Numerics
@@ -36,11 +37,13 @@ class Exposure:
     fwhm_xy_um: float
     fwhm_z_um: float
     numerics: Numerics
+    square_px: float = 0.0
     stage: ClassVar[str] = "dose"
 
     def __call__(self, target: HeightMap) -> Dose:
         """Return the nominal dose."""
-        return Dose(target, (Focus(1.0, self.fwhm_xy_um, self.fwhm_xy_um, self.fwhm_z_um),), self.numerics)
+        focus = Focus(1.0, self.fwhm_xy_um, self.fwhm_xy_um, self.fwhm_z_um, square_px=self.square_px)
+        return Dose(target, (focus,), self.numerics)
 
 
 @dataclass(frozen=True)
@@ -89,3 +92,27 @@ class Shrinkage:
         mean = exposed.dose.numerics.column_mean(crosslinked, self.reference)
         factor = self.minimum + (self.maximum - self.minimum) * mean
         return exposed.surface.with_heights(factor * exposed.surface.heights_um)
+
+
+WALL = 4.0
+"""Change of slope between pixels that is a wall's: steeper ones than this are none of a relief's."""
+
+
+@dataclass(frozen=True)
+class PixelMean:
+    """Average over pixels: t → t + (p²/24)·∇²t, the mean over a square of side p to third order.
+
+    Where a slope changes by more than `WALL` from pixel to pixel, no more is taken: where in a pixel
+    a wall stands is not known.
+    """
+
+    stage: ClassVar[str] = "recording"
+
+    def __call__(self, printed: HeightMap) -> HeightMap:
+        """Return the mean of the surface over every pixel."""
+        heights = printed.heights_um
+        bends = (
+            pitch * np.clip(ndimage.correlate1d(heights / pitch, [1.0, -2.0, 1.0], axis, mode="nearest"), -WALL, WALL)
+            for axis, pitch in enumerate((printed.dy_um, printed.dx_um))
+        )
+        return printed.with_heights(heights + sum(bends) / 24)

@@ -51,7 +51,7 @@ class Bench:
     @classmethod
     def of(cls, pairs: Sequence[tuple[HeightMap, HeightMap]], start: ParameterSet, noise: dict) -> Bench:
         """Fit the seven from a start."""
-        data, free = whitened(pairs, start, noise), choose(start)
+        data, free = whitened(pairs, noise), choose(start)
         return cls(data, fitted(data, free, free.start))
 
     def oracle(self, effects: Sequence[dict]) -> Fit:
@@ -103,7 +103,7 @@ def unseen_um(parameters: ParameterSet, target: HeightMap, clean: HeightMap, noi
     Its levelling and registration are found as for any recording.
     """
     free = choose(parameters)
-    return Objective(whitened([(target, clean)], parameters, noise)).at(free, free.start).rmse_um()
+    return Objective(whitened([(target, clean)], noise)).at(free, free.start).rmse_um()
 
 
 def unseen_smooth_um(weights: np.ndarray, seven: Fit, target: HeightMap, clean: HeightMap, noise: dict) -> float:
@@ -129,7 +129,7 @@ def _independent(item: Whitened, sigma_um: float) -> Whitened:
     """Return a recording whose pixels pass for independent."""
     grid = item.recording.target
     noise = Noise(sigma_um, 1e-3 * sigma_um, grid.dx_um, grid.dx_um, grid.dy_um)
-    return replace(Whitened.of(item.recording, Uneven(noise)), discretisation_um=item.discretisation_um)
+    return Whitened.of(item.recording, Uneven(noise))
 
 
 def _plain_basis(seven: Fit, used: Sequence[np.ndarray]) -> np.ndarray:

@@ -14,7 +14,6 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, choose
 from dlwpredict.infer.objective import Fit, Objective
-from dlwpredict.infer.pixels import discretisation_um
 from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
@@ -46,16 +45,12 @@ def parameters_of(process: dict) -> ParameterSet:
     return ParameterSet(paper=Paper(**{name.replace("focus_", "exposure_"): value for name, value in process.items()}))
 
 
-def whitened(
-    pairs: Sequence[tuple[HeightMap, HeightMap]], parameters: ParameterSet, noise: dict
-) -> tuple[Whitened, ...]:
-    """Return recordings in whitened space, every nuisance free, with the true noise; pixels are those of a process."""
+def whitened(pairs: Sequence[tuple[HeightMap, HeightMap]], noise: dict) -> tuple[Whitened, ...]:
+    """Return recordings in whitened space, every nuisance free, with the true noise."""
     found = []
     for target, measured in pairs:
         recording = doubted(prepare(target, measured))
-        predicted = predict(target, parameters, as_measured=True).heights_um
-        item = Whitened.of(recording, Uneven(noise_model(noise, target)))
-        found.append(replace(item, discretisation_um=discretisation_um(recording, parameters, predicted)))
+        found.append(Whitened.of(recording, Uneven(noise_model(noise, target))))
     return tuple(found)
 
 
@@ -94,7 +89,7 @@ class Sight:
         parameters = parameters_of(process)
         pairs = [(target, predict(target, parameters)) for target in targets]
         free = choose(parameters)
-        true = placed(whitened(pairs, parameters, noise), free, free.start)
+        true = placed(whitened(pairs, noise), free, free.start)
         return cls(true, _refitted(true, [0.0] * len(pairs)))
 
     def shares(self, changes: Sequence[np.ndarray]) -> dict[str, float]:

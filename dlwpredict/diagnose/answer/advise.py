@@ -21,7 +21,6 @@ from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.objective import STEP_OF_RANGE, STEP_OF_VALUE, Fit, Nuisances, Objective, registered
-from dlwpredict.infer.pixels import discretisation_um
 from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.trace import trace
@@ -193,19 +192,19 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool],
     resized = cache(fewer_pixels)
 
     @cache
-    def printed(target: HeightMap, turns: int, rough: bool) -> tuple[Whitened, list[HeightMap]]:
+    def printed(target: HeightMap, turns: int) -> tuple[Whitened, list[HeightMap]]:
         """Print a target with every set of parameters; surfaces in the frame of the sample."""
         written, first, surfaces = turned(target, turns), None, []
         for each in sets:
             made = trace(written, _printing(each), numerics, first)
             first = first or made
             surfaces.append(turned(written.with_heights(made.heights_um), -turns))
-        item = present[target] if target in present else simulated(target, surfaces[0], fitted, rough)
+        item = present[target] if target in present else simulated(target, surfaces[0], fitted)
         return item, surfaces
 
     def simulate(setup: Setup, rough: bool) -> np.ndarray:
         target = resized(setup.target, ROUGH_PX if rough else FINE_PX)
-        item, surfaces = printed(target, setup.print_turns, rough)
+        item, surfaces = printed(target, setup.print_turns)
         seen = np.stack([viewed(s, each, setup.view_turns) for s, each in zip(surfaces, sets, strict=True)])
         changes = np.nan_to_num(seen[1:] - seen[0])
         changes[: len(widths)] /= widths[:, None, None]
@@ -215,26 +214,22 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool],
     return simulate
 
 
-def simulated(target: HeightMap, surface: HeightMap, fitted: Fit, rough: bool) -> Whitened:
+def simulated(target: HeightMap, surface: HeightMap, fitted: Fit) -> Whitened:
     """Return a recording of a simulated surface with the noise of the present ones.
 
-    The width left out at walls is theirs too; a rough one knows nothing of its discretisation.
+    The width left out at walls is theirs too.
     """
     item = sorted(fitted.data, key=lambda item: item.noise.sigma_um)[len(fitted.data) // 2]
     noise = on_pixels(item.noise, target)
     even = item.noise.even
     wall_px = max(round(WALL_PX * max(even.dx_um, even.dy_um) / max(target.dx_um, target.dy_um)), 1)
     recording = doubted(prepare(target, surface, wall_px=wall_px))
-    found = Whitened.of(recording, noise, steepness(surface.heights_um, target))
-    if rough:
-        return found
-    shown = viewed(surface, fitted.parameters, 0)
-    return replace(found, discretisation_um=discretisation_um(recording, fitted.parameters, shown))
+    return Whitened.of(recording, noise, steepness(surface.heights_um, target))
 
 
 def nuisances_of(item: Whitened, shown_um: np.ndarray) -> tuple[Rows, Nuisances]:
     """Return the rows of a single recording that shows just this, and its nuisances about it."""
-    measured = item.recording.target.with_heights(shown_um + item.discretisation_um)
+    measured = item.recording.target.with_heights(shown_um)
     item = replace(item, recording=replace(item.recording, measured=measured), shift_um=(0.0, 0.0))
     rows, found = Objective((item,)).rows, registered(item, shown_um)
     return rows, Nuisances(rows, (found.above,), (found.below,))
