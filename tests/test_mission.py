@@ -15,10 +15,12 @@ NAMED = {
     "edge-drying": ({"depth_um": 0.15, "length_um": 3.0}, "print"),
     "lateral-shrinkage": ({"strain": 0.02, "pin_height_um": 5.0}, "print"),
     "shrinkage-nonlinearity": ({"exponent": 1.6}, "print"),
+    "stitching": ({"step_um": 0.05}, "print"),
     "galvo-lag": ({"lag_um": 0.3, "model": "time"}, "print"),
     "z-linearity": ({"periodic_um": 0.03, "period_um": 3.0}, "measurement"),
     "slope-error": ({"bias_um": 0.05}, "measurement"),
     "field-curvature": ({"sag_um": 0.1}, "measurement"),
+    "instrument-blur": ({"fwhm_um": 1.2}, "measurement"),
 }
 """Effects that stand alone on these structures: settings and side."""
 
