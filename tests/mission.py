@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 
 from dlwpredict import designs
-from dlwpredict.diagnose.run import Diagnosis, diagnose
+from dlwpredict.diagnose.run import Course, Diagnosis, diagnose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Work
 from dlwpredict.infer.recording import prepare
@@ -55,4 +55,4 @@ def answered(*effects: dict, structures: Sequence[str] = ("cin", "stairs"), seed
     """Return what the program says of a case, and the work that it took."""
     work = Work()
     pairs = [prepare(part, shown, name=str(k)) for k, (part, shown) in enumerate(recorded(effects, structures, seed))]
-    return diagnose(pairs, ParameterSet(), work=work, seed=seed), work
+    return diagnose(pairs, ParameterSet(), seed=seed, course=Course(work=work)), work

@@ -64,7 +64,7 @@ class TestLoss:
         x = np.broadcast_to(air.x_um, air.shape)
         bent = noisy(printed.with_heights(printed.heights_um * (1 + 0.03 * np.sin(x / 5))), 0)
         fits = [
-            calibrate([prepare(air, bent)], choose(TRUTH, free=KAPPAS), method=method, profile=False, free_shift=False)
+            calibrate([prepare(air, bent, free_shift=False)], choose(TRUTH, free=KAPPAS), method=method, profile=False)
             for method in ("fast", "simplex")
         ]
         assert fits[1].end.rmse_um() <= fits[0].end.rmse_um() + 1e-6
@@ -106,8 +106,8 @@ def test_offset_tilt_and_shift_of_a_relative_map_are_found(air, printed):
 
 def test_a_shift_does_not_bend_the_parameters_where_it_is_free(air, printed):
     moved = printed.heights_um - 0.1 * np.gradient(printed.heights_um, 0.5, axis=1)
-    pair, free = prepare(air, noisy(printed.with_heights(moved), 0)), choose(TRUTH, free=("exposure_fwhm_xy_um",))
-    loose, fixed = (calibrate([pair], free, free_shift=shift, profile=False) for shift in (True, False))
+    seen, free = noisy(printed.with_heights(moved), 0), choose(TRUTH, free=("exposure_fwhm_xy_um",))
+    loose, fixed = (calibrate([prepare(air, seen, free_shift=s)], free, profile=False) for s in (True, False))
     assert nuisances_um(loose.end, 0)["shift_x"] == pytest.approx(0.1, abs=0.02)
     assert nuisances_um(fixed.end, 0) == {}
     assert loose.end.rmse_um() < fixed.end.rmse_um()
@@ -201,9 +201,10 @@ def test_same_seed_same_result(air, printed):
 
 
 def test_work_is_counted_and_places_are_shown(air, printed):
-    seen, work = [], Work()
+    seen = []
+    work = Work(seen=seen.append)
     pair, free = prepare(air, noisy(printed, 0)), choose(TRUTH, free=KAPPAS)
-    found = calibrate([pair], free, watch=seen.append, work=work, profile=False)
+    found = calibrate([pair], free, work=work, profile=False)
     assert found.work["fit"] == found.work["all"] == work.predictions > 0
     assert found.end.vector.tolist() in [fit.vector.tolist() for fit in seen]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.answer.classes import named_in, strengths
+from dlwpredict.diagnose.classes import named_in, strengths
 from dlwpredict.diagnose.library.candidates import Bent, Candidate
 from dlwpredict.diagnose.library.score import Linearised, Thresholds
 from dlwpredict.diagnose.posterior import Sets, Subset

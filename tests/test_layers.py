@@ -38,11 +38,11 @@ DIAGNOSE = [
     {"library", "structure"},
     {"posterior"},
     {"search"},
-    {"answer.classes"},
+    {"classes"},
     {"run"},
     {"answer"},
 ]
-"""What a diagnosis consists of: `run` needs the classes, and what says it in words needs `run`."""
+"""What a diagnosis consists of, from below."""
 
 EXCEPTIONS = {
     ("cli.app", ""): "shows the program's version",
@@ -89,10 +89,8 @@ def test_imports_point_downwards(path):
 
 
 def of_diagnosis(name: str) -> int:
-    """Return the layer of a module inside `diagnose`, that of its longest known prefix."""
-    parts = name.split(".")
-    known = {part: level for level, parts in enumerate(DIAGNOSE) for part in parts}
-    return next(known[start] for n in (2, 1) if (start := ".".join(parts[:n])) in known)
+    """Return the layer of a module inside `diagnose`."""
+    return next(level for level, parts in enumerate(DIAGNOSE) if name.split(".")[0] in parts)
 
 
 def inner_imports_of(path: Path) -> set[str]:
@@ -112,6 +110,18 @@ def test_imports_inside_the_diagnosis_point_one_way(path):
 
 def test_what_is_inferred_knows_nothing_of_who_asks():
     assert not {"calibrate", "diagnose"} & set().union(*(imports_of(path) for path in (ROOT / "infer").rglob("*.py")))
+
+
+MOST_ARGUMENTS = 8
+
+
+@pytest.mark.parametrize("path", [p for p in modules() if "cli" not in p.parts], ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_function_takes_more_than_eight_arguments(path):
+    """But for commands, whose arguments are options, and `declare`, which lists the columns of a table."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef) and node.name != "declare":
+            names = [one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+            assert len([n for n in names if n not in ("self", "cls")]) <= MOST_ARGUMENTS, f"{path}: {node.name}"
 
 
 def test_every_part_has_a_layer():

@@ -255,7 +255,7 @@ def test_many_forms_beside_the_noise_are_paid_for():
     used, (y, x) = np.ones((100, 100), dtype=bool), (np.mgrid[:100, :100] + 0.5) / 100
     waves = np.stack([np.cos(np.pi * i * x) * np.cos(np.pi * j * y) for i in range(11) for j in range(11)])
     found = [
-        estimate(truth.simulate(used.shape, rng), used, (0.4, 0.4), waves, (1.5,), (0.0,), seed=k) for k in range(8)
+        estimate(truth.simulate(used.shape, rng), used, (0.4, 0.4), waves, ((1.5,), (0.0,)), seed=k) for k in range(8)
     ]
     logs = np.log([(one.model.sigma_um / truth.sigma_um, one.model.even.length_um / 1.5) for one in found])
     assert np.abs(logs.mean(axis=0)).max() < 0.06

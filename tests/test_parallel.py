@@ -13,7 +13,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.diagnose.answer.content import content_of
-from dlwpredict.diagnose.run import diagnose
+from dlwpredict.diagnose.run import Course, diagnose
 from dlwpredict.effects import library
 from dlwpredict.infer.recording import prepare
 from dlwpredict.parallel import Workers, each
@@ -113,7 +113,7 @@ def test_a_diagnosis_is_that_of_one_process(workers):
     bent = ParameterSet(effects=(library()["print-field-curvature"](sag_um=2.0),))
     noise = np.random.default_rng(4).normal(0, 0.004, target.shape)
     pair = prepare(target, target.with_heights(predict(target, bent).heights_um + noise))
-    alone, shared = (diagnose([pair], ParameterSet(), workers=those) for those in (Workers(), workers))
+    alone, shared = (diagnose([pair], ParameterSet(), course=Course(workers=those)) for those in (Workers(), workers))
     assert content_of(shared) == content_of(alone)
     assert alone.named
     models = shared.baseline.fit, shared.extended.fit, *(one.reduced for one in shared.named)

@@ -50,7 +50,7 @@ class TestCalibrate:
         heights = heights + np.where(rng.random(target.shape) < spikes, rng.uniform(-3, 6, target.shape), 0)
         recorded = replace(target.with_heights(heights), height_reference="relative" if relative else "substrate")
         free = choose(start, fix=[name for name in declarations(Paper) if name not in moved])
-        found = calibrate([prepare(target, recorded)], free, robust=robust, free_shift=free_shift, profile=False)
+        found = calibrate([prepare(target, recorded, free_shift=free_shift)], free, robust=robust, profile=False)
         assert found.end.cost <= found.start.cost
         assert (found.end.vector >= free.low).all() and (found.end.vector <= free.high).all()
         assert found.parameters.paper.shrinkage_min <= found.parameters.paper.shrinkage_max

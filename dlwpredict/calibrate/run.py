@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ from dlwpredict.infer.intervals import NORMAL, Intervals, curved, intervals
 from dlwpredict.infer.noises import noises, plane
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective, Work
-from dlwpredict.infer.priors import LATERAL, PARAMETERS
+from dlwpredict.infer.priors import PARAMETERS
 from dlwpredict.infer.recording import Recording, check_points
 from dlwpredict.infer.whitened import steepness
 from dlwpredict.noise.estimate import NoiseEstimate
@@ -125,11 +125,9 @@ def calibrate(
     *,
     method: Method = "fast",
     robust: bool = True,
-    free_shift: bool = True,
     priors: bool = True,
     profile: bool | None = None,
     seed: int = 0,
-    watch: Callable[[Fit], None] | None = None,
     work: Work | None = None,
 ) -> Calibration:
     """Fit one parameter set to all recordings.
@@ -146,19 +144,14 @@ def calibrate(
         By the likelihood, or the paper's: lowest root mean square error by Downhill Simplex, without priors.
     robust : bool
         Leave out spikes.
-    free_shift : bool
-        Let each recording lie a little off, turned and stretched, as an alignment may leave it: that must not bend
-        the parameters.
     priors : bool
         Use what is known of parameters beforehand.
     profile : bool, optional
         Take intervals from the likelihood profile wherever a straight line will not do; None does so for the worst one.
     seed : int
         Of the drawn noise.
-    watch : function of Fit, optional
-        Shown every place that is looked at, on the recordings' own pixels, until the fit has ended.
     work : Work, optional
-        Counts the predictions.
+        Counts the predictions, and is shown every place that is looked at.
 
     Raises
     ------
@@ -166,10 +159,7 @@ def calibrate(
         Too few points.
     """
     check_points(recordings)
-    if not free_shift:
-        recordings = [replace(r, nuisances=tuple(n for n in r.nuisances if n not in LATERAL)) for r in recordings]
     known, work = PARAMETERS if priors and method == "fast" else {}, work or Work()
-    work.seen = watch or work.seen
     if method == "simplex":
         recordings, first = simplex(recordings, free, work, spikes=robust)
     else:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -28,7 +28,7 @@ from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
-from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.objective import Fit, Work
 from dlwpredict.infer.recording import Recording, prepare
 from dlwpredict.walls import WALL_PX
 
@@ -97,18 +97,17 @@ def run(
     start = read_parameters(parameters)
     with blaming(parameters or "calibrate"):
         moving = choose(start, fix=fix or (), free=free or ())
-    recordings = [_prepared(target, recording, wall_px) for target, recording in pairs]
+    recordings = [_prepared(*files, wall_px=wall_px, free_shift=free_shift) for files in pairs]
     with _progress() as show, _rescued(output) as watch:
         found = calibrate(
             recordings,
             moving,
             method=method.value,
             robust=loss is LossKind.robust,
-            free_shift=free_shift,
             priors=priors,
             profile=True if profile else None,
             seed=seed,
-            watch=lambda fit: (watch(fit), show(fit)),
+            work=Work(seen=lambda fit: (watch(fit), show(fit))),
         )
     stated = with_cautions(cautions_of(recordings))  # that of the start is not its own
     write_parameters(output, replace(found.parameters, provenance=stated))
@@ -138,9 +137,9 @@ def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap
     return rows
 
 
-def _prepared(target: Path, recording: Path, wall_px: int) -> Recording:
+def _prepared(target: Path, recording: Path, **knobs: Any) -> Recording:
     part, measured = read_height_map(target), read_height_map(recording)
-    found = prepare(part, measured, name=str(recording), target_name=str(target), wall_px=wall_px)
+    found = prepare(part, measured, name=str(recording), target_name=str(target), **knobs)
     detail(f"{recording}: {found.points} of {measured.heights_um.size} points count ({measured.height_reference})")
     return found
 

@@ -21,7 +21,7 @@ from dlwpredict.diagnose.answer.advise import advise
 from dlwpredict.diagnose.answer.content import FORMAT, content_of, untested
 from dlwpredict.diagnose.answer.sides import undecided
 from dlwpredict.diagnose.answer.words import listed
-from dlwpredict.diagnose.run import STAGES, Diagnosis, Stage, diagnose
+from dlwpredict.diagnose.run import STAGES, Course, Diagnosis, Stage, diagnose
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
@@ -216,11 +216,7 @@ class Session:
                     repeats=self.repeats,
                     holdout=self.holdout,
                     seed=self.seed,
-                    tell=tell,
-                    keep=self.keep,
-                    workers=workers,
-                    work=self.work,
-                    stored=self.companion.stored,
+                    course=Course(tell, self.keep, workers, self.work, self.companion.stored),
                 )
                 tell(Stage("judgement", 0.95, "intervals, and what to record next"))
                 profiled = found.intervals(found.extended.fit, profiles=True).as_dict()

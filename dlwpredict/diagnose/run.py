@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.answer.classes import Named, named_in
+from dlwpredict.diagnose.classes import Named, named_in
 from dlwpredict.diagnose.library.score import Linearised, Thresholds
 from dlwpredict.diagnose.library.signatures import Signatures
 from dlwpredict.diagnose.search import Names, Search
@@ -28,7 +28,7 @@ from dlwpredict.infer.intervals import Intervals, intervals
 from dlwpredict.infer.model import freed
 from dlwpredict.infer.noises import noises, white
 from dlwpredict.infer.null import Null
-from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.objective import Fit, Objective, Work, nothing
 from dlwpredict.infer.priors import PARAMETERS
 from dlwpredict.infer.recording import Recording, check_points, doubted
 from dlwpredict.infer.whitened import Whitened, gradient, steepness
@@ -71,6 +71,31 @@ class Stage:
     def number(self) -> int:
         """Its place, from 1."""
         return list(STAGES).index(self.name) + 1
+
+
+@dataclass(eq=False)
+class Course:
+    """How a diagnosis is carried out, whatever it says.
+
+    Parameters
+    ----------
+    tell : function of Stage
+        Told what goes on.
+    keep : function of Diagnosis
+        Given every answer that is valid already, complete or not.
+    workers : Workers
+        Who share what can be done at once.
+    work : Work
+        Counts the predictions.
+    stored : dict
+        Best fits of an interrupted run of the same command; those of this one are added as they are found.
+    """
+
+    tell: Callable[[Stage], None] = nothing
+    keep: Callable[[Diagnosis], None] = nothing
+    workers: Workers = ALONE
+    work: Work = field(default_factory=Work)
+    stored: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +187,7 @@ def diagnose(
     repeats: Sequence[Sequence[HeightMap]] | None = None,
     holdout: Sequence[Recording] = (),
     seed: int = 0,
-    tell: Callable[[Stage], None] = lambda stage: None,
-    keep: Callable[[Diagnosis], None] = lambda found: None,
-    workers: Workers = ALONE,
-    work: Work | None = None,
-    stored: dict[str, dict[str, Any]] | None = None,
+    course: Course | None = None,
 ) -> Diagnosis:
     """Find out what the model lacks.
 
@@ -185,16 +206,7 @@ def diagnose(
     holdout : sequence of Recording
         Scored, never used in a fit or a choice.
     seed : int
-    tell : function of Stage
-        Told what goes on.
-    keep : function of Diagnosis
-        Given every answer that is valid already, complete or not.
-    workers : Workers
-        Who share what can be done at once.
-    work : Work, optional
-        Counts the predictions.
-    stored : dict, optional
-        Best fits of an interrupted run of the same command; those of this one are added as they are found.
+    course : Course, optional
 
     Raises
     ------
@@ -202,7 +214,8 @@ def diagnose(
         Too few points.
     """
     check_points(recordings)
-    work, stored = work or Work(), {} if stored is None else stored
+    course = course or Course()
+    tell, keep, workers, work, stored = course.tell, course.keep, course.workers, course.work, course.stored
     free = freed(start, choose(start))
     tell(Stage.of("fit", "fitting the seven"))
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)

@@ -100,7 +100,7 @@ def _noise(
     seed: int,
 ) -> NoiseEstimate:
     forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, *kinds, slope=slope, source=source, seed=seed)
+    return estimate(residual_um, used, pitch_um, forms, kinds, slope=slope, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

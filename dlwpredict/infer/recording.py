@@ -64,10 +64,12 @@ def prepare(
     name: str = "recording",
     target_name: str = "target",
     wall_px: int = WALL_PX,
+    free_shift: bool = True,
 ) -> Recording:
     """Check a pair and choose the points that count.
 
-    Its registration is free within what an alignment leaves, and its levelling where its heights are relative.
+    Its registration is free within what an alignment leaves, which must not bend the parameters, unless `free_shift` is
+    off; its levelling where its heights are relative.
 
     Raises
     ------
@@ -87,7 +89,8 @@ def prepare(
             key="heights",
             allowed="use a smaller --wall-px or a structure with slopes",
         )
-    return Recording(name, target, measured, used, trusted(measured))
+    nuisances = [one for one in trusted(measured) if free_shift or one not in LATERAL]
+    return Recording(name, target, measured, used, tuple(nuisances))
 
 
 def trusted(measured: HeightMap) -> tuple[str, ...]:

@@ -25,6 +25,8 @@ from dlwpredict.noise.whitening import Neighbourhood, lines
 DISCREPANCY_UM = 0.0015
 """Numerical difference between two honest computations of the same physics; no noise is taken to be smaller."""
 
+Kinds = tuple[Sequence[float], Sequence[float]]
+
 SMOOTHNESSES = (0.5, 1.5, np.inf)
 """Kinds of correlation that are tried: a rough one, Matérn's, a Gaussian. Taken for Matérn's, noise that an instrument
 has smoothed would come out three times as long."""
@@ -120,8 +122,7 @@ def estimate(
     used: np.ndarray,
     pitch_um: tuple[float, float],
     smooth: np.ndarray,
-    kinds: Sequence[float] = SMOOTHNESSES,
-    grains_px: Sequence[float] = GRAINS_PX,
+    kinds: Kinds = (SMOOTHNESSES, GRAINS_PX),
     *,
     slope: np.ndarray | float = 0.0,
     source: str = "residual",
@@ -141,10 +142,8 @@ def estimate(
         (dx, dy).
     smooth : numpy.ndarray, shape (columns, rows, cols)
         What may be in the values besides noise.
-    kinds : sequence of float
-        Smoothnesses of the correlation that are tried.
-    grains_px : sequence of float
-        Grains of the white part that are tried, in pixels, in ascending order.
+    kinds : two sequences of float
+        Smoothnesses of the correlation that are tried, and grains of the white part in pixels, in ascending order.
     slope : numpy.ndarray, shape (rows, cols), or 0
         |∇f| of the surface.
     source : str
@@ -157,12 +156,12 @@ def estimate(
     even = Evened(y, design, (lines(used, 0), lines(used, 1)), np.broadcast_to(slope, used.shape)[used])
     some = _some(every.own, SEARCHED_POINTS, draw)
     start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
-    seen, model, place = _searched(even, every, some, start, kinds, grains_px)
+    seen, model, place = _searched(even, every, some, start, *kinds)
     even, quiet = seen.even, _quiet(every.own, seen.near @ seen.left, used)
     if len(quiet) < len(y):
         likelihood = _Likelihood.of(even, every[_some(quiet, SEARCHED_POINTS, draw)], model)
         same = (model.smoothness,), (model.grain_um / model.pitch_um,)
-        again = (kinds, grains_px) if len(y) - len(quiet) > SPIKY * len(y) else same
+        again = kinds if len(y) - len(quiet) > SPIKY * len(y) else same
         model, place = _most_likely(likelihood, model, *again)
     likelihood = _Likelihood.of(even, every[_some(quiet, MOST_POINTS, draw)], model)
     places, centre = _repeated(likelihood, used, even, model, place[:2], draw)

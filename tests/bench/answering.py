@@ -61,7 +61,7 @@ def answer(asked: Asked) -> dict[str, Any]:
     if not Path(dlwpredict.__file__).with_name("infer").is_dir():  # an editable install finds its modules anyway
         return _by_old(asked)
     from dlwpredict.diagnose.answer.content import content_of
-    from dlwpredict.diagnose.run import diagnose
+    from dlwpredict.diagnose.run import Course, diagnose
     from dlwpredict.infer.objective import Work
     from dlwpredict.infer.pixels import working_factor
     from dlwpredict.infer.recording import coarser, prepare
@@ -69,7 +69,7 @@ def answer(asked: Asked) -> dict[str, Any]:
     several = [asked.pairs, asked.holdout]
     parts, kept = ([coarser(prepare(a, b), working_factor(a, asked.start)) for a, b in pairs] for pairs in several)
     work, wall, cpu = Work(), time.perf_counter(), time.process_time()
-    found = diagnose(parts, asked.start, holdout=kept, seed=asked.seed, work=work)
+    found = diagnose(parts, asked.start, holdout=kept, seed=asked.seed, course=Course(work=work))
     spent = {"cpu_s": time.process_time() - cpu, "seconds": time.perf_counter() - wall, "work": work.predictions}
     spent["pixels"] = [list(part.target.shape) for part in parts]
     said = content_of(found) | {"explained": found.explained}

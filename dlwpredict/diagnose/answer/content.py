@@ -9,7 +9,7 @@ import numpy as np
 
 from dlwpredict.diagnose import policy
 from dlwpredict.diagnose.answer import words
-from dlwpredict.diagnose.answer.classes import Named, strengths
+from dlwpredict.diagnose.classes import Named, strengths
 from dlwpredict.diagnose.library.score import Linearised, Thresholds
 from dlwpredict.diagnose.run import Diagnosis
 from dlwpredict.diagnose.structure.test import Model

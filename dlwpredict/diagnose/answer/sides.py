@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import get_args
 
-from dlwpredict.diagnose.answer.classes import Member, Named
 from dlwpredict.diagnose.answer.words import side_of
+from dlwpredict.diagnose.classes import Member, Named
 from dlwpredict.effects import library
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.model import joined, lacking

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.answer.classes import Named, strengths
+from dlwpredict.diagnose.classes import Named, strengths
 from dlwpredict.diagnose.run import Diagnosis
 from dlwpredict.diagnose.structure.test import SINGLE
 from dlwpredict.effects import library

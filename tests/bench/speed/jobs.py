@@ -21,7 +21,7 @@ from scipy import fft, optimize
 import dlwpredict.model.exposed_surface as exposed_surface
 from dlwpredict import designs
 from dlwpredict.calibrate.simplex import EVALUATIONS_PER_PARAMETER, TOLERANCE
-from dlwpredict.diagnose.run import diagnose
+from dlwpredict.diagnose.run import Course, diagnose
 from dlwpredict.files import read_height_map
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
@@ -161,7 +161,7 @@ def diagnosed() -> Callable[[], dict]:
 
     def run() -> dict:
         with Workers(cores(), diagnose.__module__) as workers:
-            return {"verdict": diagnose(pairs, ParameterSet(), workers=workers).verdict}
+            return {"verdict": diagnose(pairs, ParameterSet(), course=Course(workers=workers)).verdict}
 
     return run
 
