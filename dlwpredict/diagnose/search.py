@@ -62,9 +62,9 @@ class Search:
         self.first = self.linearised(frozenset())
         self.asked = thresholds(self.first, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
 
-    def begin_with(self, earlier: Iterable[Fit]) -> None:
+    def begin_with(self, earlier: Iterable[ParameterSet]) -> None:
         """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
-        starts = {self.names(fit.parameters): [Start(fit.parameters, settled=True)] for fit in earlier}
+        starts = {self.names(parameters): [Start(parameters, settled=True)] for parameters in earlier}
         starts.pop(frozenset(), None)
         for names in list(starts)[:1]:
             self._refit({names: starts.pop(names)}, {names: -np.inf}, frozenset())
@@ -102,14 +102,14 @@ class Search:
         """Return what an effect of a set must gain beside the others, its own spread included."""
         return (self.price(len(names)) - self.price(len(names) - 1)) * self.spread.get(name, 1.0) ** 2
 
-    def near(self) -> list[Fit]:
-        """Return the best fit, and those that come near it: another noise model might prefer them."""
+    def near(self) -> list[ParameterSet]:
+        """Return where the best fit is, and those that come near it: another noise model might prefer them."""
         best = self.best()
         limit = self.fitted[best].cost + self.width_of_set(best)
         reduced = [best - {name} for name in best]
         others = [names for names in self.fitted if names != best]
         near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
-        return [self.fitted[names] for names in (best, *near)]
+        return [self.fitted[names].parameters for names in (best, *near)]
 
     def width_of_set(self, names: Names) -> float:
         """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""

@@ -129,11 +129,10 @@ class Fitter:
         return {key: (self.known.get(key) or self.quick[key]).cost for key in models}
 
     def _hurry(self, fit: Callable[..., tuple[Fit, float]], models: Mapping[Key, Any]) -> None:
-        """Fit models quickly, each from what it has; the states of its predictions are not kept."""
+        """Fit models quickly, each from what it has."""
         jobs = [(self._alone(), self.like, own) for own in models.values()]
         for key, (found, spent) in zip(models, self.workers.each(fit, jobs), strict=True):
-            quick = self._shared(found)
-            self.quick[key] = replace(quick, traces=tuple(one.bare for one in quick.traces))
+            self.quick[key] = self._shared(found).light
             self.objective.work.predictions += spent
 
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
@@ -171,7 +170,8 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
 
 def _again(objective: Objective, like: Free, quick: Fit) -> tuple[Fit, float]:
     """Return a quick fit that has gone on with derivatives of its own, and the work that it took."""
-    found = descend(objective, objective.differentiated(quick), secant=True, steps=QUICK_STEPS)
+    begun = objective.differentiated(objective.at(quick.free, quick.vector, quick))
+    found = descend(objective, begun, secant=True, steps=QUICK_STEPS)
     return found, objective.work.predictions
 
 
@@ -188,7 +188,7 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     may have its lowest place in another valley than a smaller one. Where a width came out far from its prior, the
     descent is repeated from the paper's seven.
     """
-    first = begun if begun is not None else _quick(objective, like, starts)[0]
+    first = objective.at(begun.free, begun.vector, begun) if begun else _quick(objective, like, starts)[0]
     found = _converged(objective, first, like)
     other = None if any(start.settled for start in starts) else _from_paper(found)
     if other is not None:
@@ -199,10 +199,9 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     return found, objective.work.predictions
 
 
-def _converged(objective: Objective, fit: Fit, like: Free, *, fresh: bool = False) -> Fit:
+def _converged(objective: Objective, fit: Fit, like: Free) -> Fit:
     """Descend with derivatives taken anew, past the ends of ranges that nature does not end."""
-    found = descend(objective, fit if fresh else objective.differentiated(fit))
-    return _elsewhere(objective, found, like)
+    return _elsewhere(objective, descend(objective, objective.differentiated(fit)), like)
 
 
 def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:

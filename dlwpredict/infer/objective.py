@@ -116,6 +116,12 @@ class Fit:
         """−2 ln L plus priors, up to a constant."""
         return float(self.residual @ self.residual)
 
+    @property
+    def light(self) -> Fit:
+        """The fit as a place with a cost: what derivatives and predictions it went through is not kept."""
+        traces, nothing = tuple(one.bare for one in self.traces), np.zeros((0, len(self.vector)))
+        return replace(self, traces=traces, jacobian=nothing, nuisances=None)
+
     @cached_property
     def parameters(self) -> ParameterSet:
         """The process as fitted."""
