@@ -156,12 +156,13 @@ class Diagnosis:
         if self.holdout:
             seen = replace(self.fitter.objective, data=self.holdout, work=Work())
             return seen.at(fitted.free, fitted.vector).rmse_um()
+        fitted = self.fitter.objective.whole(fitted)
         found = held_out.recordings(fitted) or held_out.blocks(fitted)
         return found.rmse_um if found else None
 
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
         """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
-        own = [name for name in fitted.free.names if "." in name]
+        fitted, own = self.fitter.objective.whole(fitted), [name for name in fitted.free.names if "." in name]
         return intervals(fitted, self.null, self.fitter.objective if profiles else None, own)
 
     @property
@@ -281,7 +282,8 @@ class _Judge:
         """Return the answer that the best set so far gives."""
         if names not in self.models:
             fit = search.fitted[names]
-            self.models[names] = Model.of(fit, self.forms, self.bumps, self.baseline.columns, self.null)
+            found = Model.of(fit, self.forms, self.bumps, self.baseline.columns, self.null)
+            self.models = {frozenset(): self.baseline, names: found}
         extended = self.models[names]
         left = extended.left if extended.unexplained else 0.0
         tried = frozenset().union(*search.fitted)

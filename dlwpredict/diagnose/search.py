@@ -72,7 +72,7 @@ class Search:
 
     def run(self) -> Names:
         """Return the names of the best set."""
-        best = self.best()
+        best = self.rested()
         for _ in range(policy.ROUNDS):
             sets = Sets.of(self.linearised(best), self.price)
             model, starts, promised = self.fitted[best], {}, {}
@@ -81,7 +81,7 @@ class Search:
                 if not self.fitter.has(begun[0]):
                     starts[one.names], promised[one.names] = begun, sets.screen.cost - one.gain
             self._refit(starts, promised, best)
-            before, best = best, self.best()
+            before, best = best, self.rested()
             self.watch(best)
             if best == before:
                 break
@@ -132,6 +132,13 @@ class Search:
         """Return the set of least cost in which every effect gains what noise and numerics hardly ever give it."""
         order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
         return next(names for names in order if self._admissible(names))
+
+    def rested(self) -> Names:
+        """Return the best set, brought to convergence where only its quick fit was known."""
+        best = self.best()
+        if best:
+            self.fitted[best] = self.fitter.best(Start(self.fitted[best].parameters))
+        return best
 
     def names(self, parameters: ParameterSet) -> Names:
         """Return the names of the effects that the baseline has not."""

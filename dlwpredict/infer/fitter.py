@@ -170,8 +170,7 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
 
 def _again(objective: Objective, like: Free, quick: Fit) -> tuple[Fit, float]:
     """Return a quick fit that has gone on with derivatives of its own, and the work that it took."""
-    begun = objective.differentiated(objective.at(quick.free, quick.vector, quick))
-    found = descend(objective, begun, secant=True, steps=QUICK_STEPS)
+    found = descend(objective, objective.whole(quick), secant=True, steps=QUICK_STEPS)
     return found, objective.work.predictions
 
 

@@ -237,6 +237,10 @@ class Objective:
         self.work.seen(fit)
         return fit
 
+    def whole(self, fit: Fit) -> Fit:
+        """Return a fit with its predictions and derivatives; itself where it has them."""
+        return fit if fit.nuisances else self.differentiated(self.at(fit.free, fit.vector, fit))
+
     def differentiated(self, now: Fit, known: Fit | None = None) -> Fit:
         """Return the fit with whitened derivatives by its parameters; those that an earlier fit has are taken over."""
         names = now.free.names

@@ -32,7 +32,7 @@ class Signatures:
     chosen : list of Candidate
         All effects that the fit does not have.
     maps_um : list (candidate) of list (recording) of numpy.ndarray, shape (rows, cols)
-        Change per typical size: the derivative at off, by one forward difference.
+        Change per typical size: the derivative at off, by one forward difference; in single precision.
     done_um : dict
         Name of every named effect of the fit to the list (recording) of what it does there.
     """
@@ -75,4 +75,5 @@ def _change(
     effect = candidate.at(SMALL)
     step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
     moved = trace(target, replace(parameters, effects=(*parameters.effects, effect)), known.numerics, known)
-    return np.nan_to_num(moved.heights_um - known.heights_um) / step, moved.work
+    change = np.nan_to_num(moved.heights_um - known.heights_um) / step
+    return change.astype(np.float32), moved.work
