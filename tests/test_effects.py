@@ -23,10 +23,11 @@ PITCH = 0.3
 PRINT = """
 vignetting print-field-curvature galvo-lag line-end-pileup dose-memory dose-proximity edge-inhibition psf-wings
 astigmatism spherical-aberration edge-drying shrinkage-nonlinearity lateral-shrinkage curl power-drift
-interface-offset substrate-tilt z-drift stitching
+interface-offset substrate-tilt z-drift stitching line-length-error
 """
 MEASUREMENT = """
 instrument-blur batwings slope-error z-amplification z-linearity field-curvature misregistration
+tip-convolution
 """
 
 NAMES = sorted(library())

@@ -21,8 +21,9 @@ PRESS = Press(threshold=0.45)
 CONTRACT = {
     "print": "vignetting print-field-curvature galvo-lag line-end-pileup dose-memory dose-proximity edge-inhibition "
     "psf-wings astigmatism spherical-aberration edge-drying shrinkage-nonlinearity lateral-shrinkage curl power-drift "
-    "interface-offset substrate-tilt z-drift stitching",
-    "measurement": "instrument-blur batwings slope-error z-amplification z-linearity field-curvature misregistration",
+    "interface-offset substrate-tilt z-drift stitching line-length-error",
+    "measurement": "instrument-blur batwings slope-error z-amplification z-linearity field-curvature misregistration "
+    "tip-convolution",
 }
 SIZES = {
     "vignetting": {"strength": 0.05},
@@ -44,6 +45,7 @@ SIZES = {
     "substrate-tilt": {"tilt_x_mrad": 5.0},
     "z-drift": {"quadratic_per_10um": 0.02},
     "stitching": {"step_um": 0.1},
+    "line-length-error": {"start_um": -0.1, "end_um": -0.1},
     "instrument-blur": {"fwhm_um": 0.8},
     "batwings": {"gain": 0.3},
     "slope-error": {"bias_um": 0.05},
@@ -51,6 +53,7 @@ SIZES = {
     "z-linearity": {"quadratic_um": 0.05},
     "field-curvature": {"sag_um": 0.2},
     "misregistration": {"scale_x": 1.005},
+    "tip-convolution": {"radius_um": 0.05},
     "particle": {"height_um": 0.5},
     "blister": {"rise_um": 0.3},
     "vibration-ripple": {"amplitude_um": 0.1},
@@ -69,6 +72,8 @@ LONGER = [
     {"name": "vignetting", "strength": 0.05, "model": "pupil"},
     {"name": "galvo-lag", "lag_um": 0.3, "model": "time"},
     {"name": "line-end-pileup", "gain": 0.2, "model": "speed"},
+    {"name": "line-length-error", "start_um": -0.1, "end_um": -0.1, "model": "segments"},
+    {"name": "tip-convolution", "radius_um": 0.1, "half_angle_deg": 20.0, "model": "contact"},
     {"name": "dose-memory", "gain": 0.1, "model": "time"},
     {"name": "edge-inhibition", "gain": 0.1, "model": "diffusion"},
     {"name": "spherical-aberration", "broadening_per_um": 0.02, "model": "at-focus"},
