@@ -7,9 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlwpredict.effects.base import MapEffect
-from dlwpredict.effects.plane import nearest, own_slope
+from dlwpredict.effects.plane import own_slope
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import declare
+
+WALLS_ONLY = 1e-3
+"""Pitch, µm, at which a step of one is a wall."""
+
+LEAST_SHARE = 0.05
+"""A column of bare glass that lines cover by less is not written; their next column takes what it would hold."""
 
 
 def read_along(lines: np.ndarray, shift_px: float, pitch_um: float) -> np.ndarray:
@@ -79,6 +85,29 @@ def ends_moved(lines: np.ndarray, start_px: float, end_px: float, pitch_um: floa
     return (np.maximum if longer else np.minimum).reduce(within + ends)
 
 
+def without_films(heights: np.ndarray, covered: np.ndarray, bare: np.ndarray) -> np.ndarray:
+    """Return heights whose thinnest new columns are heaped on the next column of their line.
+
+    What is written begins inside the glass, so that even the lowest of columns has an exposure: a jump where a length
+    grows from 0.
+
+    Parameters
+    ----------
+    heights : numpy.ndarray, shape (n, ...)
+        Along the lines, µm.
+    covered : numpy.ndarray
+        Share of every column that lines cover.
+    bare : numpy.ndarray of bool
+        Where nothing was to be written.
+    """
+    film = np.where(bare & (covered < LEAST_SHARE), heights, 0)
+    of_line_before = np.diff(covered, axis=0, prepend=0) < 0
+    joined = heights - film
+    joined[:-1] += (film * of_line_before)[1:]
+    joined[1:] += (film * ~of_line_before)[:-1]
+    return joined
+
+
 @dataclass(frozen=True)
 class LineLengthError(MapEffect):
     """Every segment [a, b] that is written at height z along y becomes [a − start, b + end], µm; x is left alone.
@@ -88,8 +117,9 @@ class LineLengthError(MapEffect):
     AFM fields of 0.1 µm pixels (effects.md, section 10) look as if lines came out 0.1 µm short at both ends, or as if
     the microscope did something alike: they cannot tell.
 
-    Heights move by parts of a pixel. The outline on the glass moves by whole pixels, as with other effects: a wall that
-    is smeared over a pixel would be written as a lower column.
+    Lengths count by parts of a pixel. A wall that moves by part of a pixel leaves a column of part of its height, which
+    is what the focus and cross-linking see of it from some pixels away; there, a small length counts as much in the one
+    direction as in the other.
     """
 
     name = "line-length-error"
@@ -107,10 +137,9 @@ class LineLengthError(MapEffect):
 
     def heights(self, state: HeightMap) -> np.ndarray:
         """Return the heights that are written by lines of other lengths."""
-        footprint = state.heights_um > 0
         # rows run downwards, y upwards
         along = slice(None, None, -int(self.direction))
-        ends = np.array([self.start_um, self.end_um]) / state.dy_um
-        relief = ends_moved(nearest(state.heights_um, footprint)[along], *ends, state.dy_um)
-        outline = ends_moved(footprint[along].astype(float), *np.floor(ends + 0.5), state.dy_um)
-        return np.where(outline > 0.5, np.maximum(relief, 0), 0)[along]
+        lines, ends = state.heights_um[along], (self.start_um / state.dy_um, self.end_um / state.dy_um)
+        moved = np.maximum(ends_moved(lines, *ends, state.dy_um), 0)
+        covered = ends_moved(1.0 * (lines > 0), *ends, WALLS_ONLY)
+        return without_films(moved, covered, lines == 0)[along]
