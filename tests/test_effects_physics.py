@@ -383,21 +383,22 @@ class TestLineLength:
         np.testing.assert_allclose(moved, windows[4:6].min(axis=0), atol=1e-12)
 
     def test_heights_grow_with_both_lengths(self):
-        hill = 2 + np.random.default_rng(1).uniform(0, 0.3, 60).cumsum() % 2
+        y = np.arange(60) * 0.2
+        hill = 3 + 0.5 * np.sin(y) + 0.3 * np.sin(2.7 * y) + 1.5 * (y > 7)
+        bend = np.abs(np.diff(hill[y < 7], 2)).max()
         for key in ("start_um", "end_um"):
-            maps = [self.along(hill, **{key: length}) for length in np.arange(-0.5, 0.51, 0.02)]
-            smallest = min(float(np.diff(maps, axis=0).min()), 0.0)
-            assert smallest > -0.15  # between the pixels, a cubic may overshoot where a tooth is as steep as here
+            maps = [self.along(hill, **{key: length}) for length in np.linspace(-0.5, 0.5, 51)]
+            steps = np.diff(maps, axis=0)
+            assert steps.min() >= -bend / 8 and (steps >= -1e-12).mean() > 0.9
 
     @pytest.mark.parametrize("length", [-0.13, -0.05, 0.05, 0.13, 0.3])
     def test_a_wall_on_glass_moves_by_the_length(self, length):
         """Its place is that of the volume; films thinner than a twentieth of a column stand on the next column."""
         wall = np.pad(np.full(20, 5.0), 10)
-        for lengths, ends in (({"start_um": length}, (10, 40)), ({"end_um": length}, (0, 30))):
+        for lengths in ({"start_um": length}, {"end_um": length}):
             moved = self.along(wall, **lengths)
             assert (moved - wall).sum() * 0.2 == pytest.approx(5 * length)
-            changed = np.flatnonzero(moved != wall)
-            assert changed.min() >= ends[0] - 2 and changed.max() < ends[1] + 2
+            changed = np.flatnonzero(abs(moved - wall) > 1e-5)
             assert abs(changed - (9.5 if "start_um" in lengths else 29.5)).max() <= 2
         thin = self.along(wall, end_um=0.008)
         assert thin[30] == 0 and thin[29] == pytest.approx(5 * 1.04)

@@ -47,7 +47,7 @@ def touched_by_cone(heights: np.ndarray, dx_um: float, dy_um: float, half_angle_
     """Return the lowest surface above the heights that is nowhere steeper than the flank of a cone, µm."""
     slope = 1 / np.tan(np.deg2rad(half_angle_deg))
     steps = range(-NEAR_PX, NEAR_PX + 1)
-    around = [step for step in product(steps, steps) if 0 < np.hypot(*step) <= NEAR_PX]
+    around = [step for step in product(steps, steps) if 0 < np.hypot(*step) < NEAR_PX + 0.5]
     flank = {(r, c): slope * np.hypot(r * dy_um, c * dx_um) for r, c in around}
     tallest = np.nanmax(heights, initial=0.0) - np.nanmin(heights, initial=0.0)
     flank = {step: drop for step, drop in flank.items() if drop < tallest}

@@ -12,7 +12,7 @@ import numpy as np
 from tests.press.effect import PrintEffect, effect
 from tests.press.lines import from_end, from_start
 
-SLICES = 6  # of a layer that is partly filled
+SLICES = 24  # of a layer that is partly filled
 
 
 @effect("line-length-error")
