@@ -57,7 +57,9 @@ def ends_moved(lines: np.ndarray, start_px: float, end_px: float, pitch_um: floa
     """Return the heights over which every segment [a, b] of every layer has become [a − start, b + end].
 
     Longer segments are the largest height within [y − end, y + start], a grey dilation; shorter ones the least within
-    [y − |start|, y + |end|], a grey erosion. What one end gains while the other loses it moves the whole line.
+    [y − |start|, y + |end|], a grey erosion. What one end gains while the other loses it moves the whole line. Heights
+    are monotone in both lengths, but for what a cubic has between the two highest pixels of a top: an eighth of its
+    second difference at most.
 
     Parameters
     ----------
