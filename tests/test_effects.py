@@ -18,15 +18,17 @@ from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict, run, steps
 from dlwpredict.smoothing import blur
+from dlwpredict.walls import near_walls
 
 PITCH = 0.3
 PRINT = """
 vignetting print-field-curvature galvo-lag line-end-pileup dose-memory dose-proximity edge-inhibition psf-wings
 astigmatism spherical-aberration edge-drying shrinkage-nonlinearity lateral-shrinkage curl power-drift
-interface-offset substrate-tilt z-drift stitching
+interface-offset substrate-tilt z-drift stitching line-length-error
 """
 MEASUREMENT = """
 instrument-blur batwings slope-error z-amplification z-linearity field-curvature misregistration
+tip-convolution
 """
 
 NAMES = sorted(library())
@@ -190,10 +192,12 @@ def test_derivative_is_continuous_at_off(name, switch):
     off, known = declarations(kind)[switch]
     step = 0.002 * (known.typical - off)
     target = relief()
+    # a wall between two pixels fills the outer one as it moves out, and empties the inner one as it moves in
+    counted = (target.heights_um > 0) & ~near_walls(target) if name == "line-length-error" else np.s_[:]
 
     def slope(low, high):
         maps = [plain() if at == 0 else recorded(target, kind(**{switch: off + at * step})) for at in (low, high)]
-        return (maps[1] - maps[0]) / (high - low)
+        return ((maps[1] - maps[0]) / (high - low))[counted]
 
     first = slope(0, 1)
     # a width has no slope at 0: there the typical change sets the scale; single precision rounds by 1.5e-7 µm

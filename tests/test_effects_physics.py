@@ -353,6 +353,70 @@ class TestTarget:
         assert ((along_x - 1) * PITCH).sum(axis=0) == pytest.approx(0.2 * width)
 
 
+class TestLineLength:
+    """Segments [a, b] along y become [a − start, b + end]; rows run downwards, lines upwards."""
+
+    def along(self, heights, pitch=0.2, **lengths):
+        target = HeightMap(np.repeat(np.asarray(heights, float)[::-1, None], 4, axis=1), pitch, pitch)
+        return effect("line-length-error", **lengths)(target).heights_um[::-1, 1]
+
+    @pytest.mark.parametrize("length", [-0.37, -0.2, -0.003, 0.003, 0.1, 0.2, 0.33])
+    def test_ramps_move_by_slope_times_length(self, length):
+        up, flat, slope = np.arange(40) * 0.2, np.ones(20), 0.6
+        hill = 2 + slope * np.concatenate([up, up[-1] * flat, up[::-1]])
+        rising, top, falling = slice(8, 32), slice(45, 55), slice(68, 92)
+        started, ended = self.along(hill, start_um=length) - hill, self.along(hill, end_um=length) - hill
+        np.testing.assert_allclose(started[rising], slope * length, atol=1e-12)
+        np.testing.assert_allclose(ended[falling], slope * length, atol=1e-12)
+        for untouched in (started[top], started[falling], ended[top], ended[rising]):
+            np.testing.assert_allclose(untouched, 0, atol=1e-12)
+
+    def test_whole_pixels_are_a_grey_dilation_and_erosion(self):
+        hill = np.random.default_rng(0).uniform(1, 5, 60)
+        padded = np.pad(hill, 3, mode="edge")
+        windows = np.stack([padded[k : k + 60] for k in range(7)])  # from y − 3 to y + 3 pixels
+        longer = self.along(hill, start_um=0.2, end_um=0.4)
+        np.testing.assert_allclose(longer, windows[1:5].max(axis=0), atol=1e-12)
+        shorter = self.along(hill, start_um=-0.2, end_um=-0.4)
+        np.testing.assert_allclose(shorter, windows[2:6].min(axis=0), atol=1e-12)
+        moved = self.along(hill, start_um=0.2, end_um=-0.4)  # all lines one pixel down, then one shorter at their end
+        np.testing.assert_allclose(moved, windows[4:6].min(axis=0), atol=1e-12)
+
+    def test_heights_grow_with_both_lengths(self):
+        y = np.arange(60) * 0.2
+        hill = 3 + 0.5 * np.sin(y) + 0.3 * np.sin(2.7 * y) + 1.5 * (y > 7)
+        bend = np.abs(np.diff(hill[y < 7], 2)).max()
+        for key in ("start_um", "end_um"):
+            maps = [self.along(hill, **{key: length}) for length in np.linspace(-0.5, 0.5, 51)]
+            steps = np.diff(maps, axis=0)
+            assert steps.min() >= -bend / 8 and (steps >= -1e-12).mean() > 0.9
+
+    @pytest.mark.parametrize("length", [-0.13, -0.05, 0.05, 0.13, 0.3])
+    def test_a_wall_on_glass_moves_by_the_length(self, length):
+        """Its place is that of the volume; films thinner than a twentieth of a column stand on the next column."""
+        wall = np.pad(np.full(20, 5.0), 10)
+        for lengths in ({"start_um": length}, {"end_um": length}):
+            moved = self.along(wall, **lengths)
+            assert (moved - wall).sum() * 0.2 == pytest.approx(5 * length)
+            changed = np.flatnonzero(abs(moved - wall) > 1e-5)
+            assert abs(changed - (9.5 if "start_um" in lengths else 29.5)).max() <= 2
+        thin = self.along(wall, end_um=0.008)
+        assert thin[30] == 0 and thin[29] == pytest.approx(5 * 1.04)
+        assert self.along(wall, start_um=0.008)[[9, 10]].tolist() == pytest.approx([0, 5 * 1.04])
+
+    def test_lines_written_the_other_way_start_at_high_y(self):
+        hill = 2 + np.sin(np.arange(60) / 4)
+        np.testing.assert_allclose(
+            self.along(hill, start_um=-0.1, end_um=0.05, direction=-1.0),
+            self.along(hill[::-1], start_um=-0.1, end_um=0.05)[::-1],
+        )
+
+    def test_one_length_more_and_less_is_a_shift_of_a_wave(self):
+        y = np.arange(80) * 0.2
+        moved = self.along(3 + np.sin(2 * np.pi * y / 6), start_um=-0.13, end_um=0.13)
+        np.testing.assert_allclose(moved[5:-5], 3 + np.sin(2 * np.pi * (y - 0.13) / 6)[5:-5], atol=1e-3)
+
+
 class TestSurface:
     def test_shrinkage_follows_the_power_of_cross_linking(self):
         s = 3.0 / FWHM_PER_SIGMA
@@ -474,6 +538,50 @@ class TestMeasurement:
         wall = HeightMap(np.repeat(np.where(np.arange(20) < 10, 0.0, 9.0)[None], 20, axis=0), 0.2, 0.2)
         read = measured(wall, effect("slope-error", bias_um=0.1, signed_x_um=0.05))
         assert (read - wall.heights_um).max() == pytest.approx(0.1 * 3 + 0.05 * np.sqrt(3))
+
+    def test_even_slope_error_is_lost_on_slopes_of_either_sign_along_its_axis(self):
+        x, y = np.meshgrid(np.arange(40) * 0.2, np.arange(40)[::-1] * 0.2)
+        for sign in (-1, 1):
+            ramp = HeightMap(9 + sign * (0.3 * x + 0.4 * y), 0.2, 0.2)
+            read = measured(ramp, effect("slope-error", bias_abs_x_um=0.1, bias_abs_y_um=-0.02))
+            np.testing.assert_allclose(read - ramp.heights_um, -0.1 * 0.3 + 0.02 * 0.4, atol=1e-9)
+        wall = HeightMap(np.repeat(np.where(np.arange(20) < 10, 0.0, 9.0)[None], 20, axis=0), 0.2, 0.2)
+        read = measured(wall, effect("slope-error", bias_abs_x_um=0.1))
+        assert (read - wall.heights_um).min() == pytest.approx(-0.1 * np.sqrt(3))
+
+    def test_a_ball_raises_a_ramp_by_its_offset(self):
+        x, y = np.meshgrid(np.arange(40) * 0.3, np.arange(40)[::-1] * 0.2)
+        ramp = HeightMap(1 + 0.3 * x - 0.4 * y, 0.3, 0.2)
+        raised = measured(ramp, effect("tip-convolution", radius_um=0.05)) - ramp.heights_um
+        np.testing.assert_allclose(raised[2:-2, 2:-2], 0.05 * (np.sqrt(1.25) - 1), atol=1e-12)
+
+    def test_a_ball_leaves_tops_and_raises_the_foot_of_a_wall(self):
+        step = np.where(np.arange(30) < 15, 1.0, 3.0)
+        wall = HeightMap(np.repeat(step[None], 30, axis=0), 0.2, 0.2)
+        raised = (measured(wall, effect("tip-convolution", radius_um=0.02)) - wall.heights_um)[15]
+        assert raised[14] == pytest.approx(0.02 * (np.hypot(1, 10) - 1), rel=1e-3)
+        np.testing.assert_allclose(np.delete(raised, 14), 0, atol=1e-4)
+
+    def test_a_cone_makes_its_own_flank_of_a_wall(self):
+        """Walls from two sides and, in between directions, not steeper than 1 % beyond the cone."""
+        post = np.zeros((81, 81))
+        post[38:43, 38:43] = 4.0
+        state = HeightMap(post, 0.1, 0.1)
+        seen = measured(state, effect("tip-convolution", half_angle_deg=30.0))
+        cot = np.sqrt(3)
+        away = np.arange(1, 20) * 0.1
+        np.testing.assert_allclose(seen[40, 43:62], 4 - cot * away, atol=1e-9)
+        np.testing.assert_allclose(seen[19:38, 40], 4 - cot * away[::-1], atol=1e-9)
+        far = np.hypot(*np.maximum(abs(np.indices((81, 81)) - 40) - 2, 0)) * 0.1
+        np.testing.assert_allclose(seen, np.maximum(4 - cot * far, 0), atol=0.01 * 4)
+        assert (seen >= post).all()
+
+    def test_a_tip_spares_slopes_gentler_than_its_flank(self, wave):
+        steepest = 0.3 * np.pi
+        blunt = np.rad2deg(np.arctan(1 / steepest))
+        seen = measured(wave, effect("tip-convolution", half_angle_deg=blunt - 3))
+        np.testing.assert_array_equal(seen, wave.heights_um)
+        assert (measured(wave, effect("tip-convolution", half_angle_deg=blunt + 5)) > wave.heights_um).any()
 
     def test_z_amplification_is_a_factor(self, wave):
         np.testing.assert_array_equal(measured(wave, effect("z-amplification", gain=0.03)), 1.03 * wave.heights_um)

@@ -10,7 +10,9 @@ from tests.press.effect import Scene, make, registry
 from tests.press.effects.dose_memory import DoseMemory
 from tests.press.effects.edge_inhibition import quencher
 from tests.press.effects.lateral_shrinkage import _edge_pull
+from tests.press.effects.line_length_error import covered
 from tests.press.effects.spherical_aberration import SphericalAberration, through_focus
+from tests.press.effects.tip_convolution import TipConvolution
 from tests.press.effects.vignetting import through_pupil
 from tests.press.grid import plane_grid, with_layers
 from tests.press.lines import from_end, from_start, lag_weights, left_behind
@@ -21,8 +23,9 @@ PRESS = Press(threshold=0.45)
 CONTRACT = {
     "print": "vignetting print-field-curvature galvo-lag line-end-pileup dose-memory dose-proximity edge-inhibition "
     "psf-wings astigmatism spherical-aberration edge-drying shrinkage-nonlinearity lateral-shrinkage curl power-drift "
-    "interface-offset substrate-tilt z-drift stitching",
-    "measurement": "instrument-blur batwings slope-error z-amplification z-linearity field-curvature misregistration",
+    "interface-offset substrate-tilt z-drift stitching line-length-error",
+    "measurement": "instrument-blur batwings slope-error z-amplification z-linearity field-curvature misregistration "
+    "tip-convolution",
 }
 SIZES = {
     "vignetting": {"strength": 0.05},
@@ -44,6 +47,7 @@ SIZES = {
     "substrate-tilt": {"tilt_x_mrad": 5.0},
     "z-drift": {"quadratic_per_10um": 0.02},
     "stitching": {"step_um": 0.1},
+    "line-length-error": {"start_um": -0.1, "end_um": -0.1},
     "instrument-blur": {"fwhm_um": 0.8},
     "batwings": {"gain": 0.3},
     "slope-error": {"bias_um": 0.05},
@@ -51,6 +55,7 @@ SIZES = {
     "z-linearity": {"quadratic_um": 0.05},
     "field-curvature": {"sag_um": 0.2},
     "misregistration": {"scale_x": 1.005},
+    "tip-convolution": {"radius_um": 0.05},
     "particle": {"height_um": 0.5},
     "blister": {"rise_um": 0.3},
     "vibration-ripple": {"amplitude_um": 0.1},
@@ -69,6 +74,8 @@ LONGER = [
     {"name": "vignetting", "strength": 0.05, "model": "pupil"},
     {"name": "galvo-lag", "lag_um": 0.3, "model": "time"},
     {"name": "line-end-pileup", "gain": 0.2, "model": "speed"},
+    {"name": "line-length-error", "start_um": -0.1, "end_um": -0.1, "model": "segments"},
+    {"name": "tip-convolution", "radius_um": 0.1, "half_angle_deg": 20.0, "model": "contact"},
     {"name": "dose-memory", "gain": 0.1, "model": "time"},
     {"name": "edge-inhibition", "gain": 0.1, "model": "diffusion"},
     {"name": "spherical-aberration", "broadening_per_um": 0.02, "model": "at-focus"},
@@ -247,6 +254,46 @@ def test_distances_count_from_each_segment_of_a_line():
     assert from_end(written, 1.0)[0, [1, 2, 3, 5, 6], 0] == pytest.approx([2.5, 1.5, 0.5, 1.5, 0.5])
 
 
+def test_runs_cover_the_pixels_that_their_ends_reach():
+    written = np.array([0, 1, 1, 1, 0, 0, 1, 1, 0, 0], bool)[:, None]
+    longer = covered(written, 0.25, 1.5, 1.0)[:, 0]
+    assert longer == pytest.approx([0.25, 1, 1, 1, 1, 0.75, 1, 1, 1, 0.5])
+    shorter = covered(written, -1.25, -0.5, 1.0)[:, 0]
+    assert shorter == pytest.approx([0, 0, 0.75, 0.5, 0, 0, 0, 0.25, 0, 0])
+
+
+@pytest.mark.parametrize("model", ["literal", "segments"])
+def test_shorter_lines_take_as_much_from_a_part_as_their_length(model):
+    press = replace(PRESS, shrinkage_min=1.0, shrinkage_max=1.0)
+    grid = plane_grid((60, 64), PITCH, PITCH)
+    ramp = mesa() * (0.9 + 0.02 * grid.y[::-1])[:, None]
+    lost = difference(ramp, press, name="line-length-error", start_um=-0.2, model=model)
+    assert lost[25:35, 20:-20] == pytest.approx(-0.2 * 0.1, abs=2e-3)  # it rises towards +y, where lines go
+    kept = difference(ramp, press, name="line-length-error", end_um=-0.2, model=model)
+    assert np.abs(kept[25:35, 20:-20]).max() < 2e-3
+    back = difference(ramp, press, name="line-length-error", end_um=-0.2, direction=-1, model=model)
+    assert np.allclose(back, lost, atol=1e-5)
+
+
+@pytest.mark.parametrize("model", ["literal", "contact"])
+def test_a_tip_is_seen_in_the_flanks_that_it_makes(model):
+    flank = recorded(mesa(), name="tip-convolution", half_angle_deg=30.0, model=model)[30, 52:58]
+    wall = flank[0] + np.arange(6) * -PITCH * np.sqrt(3)
+    assert flank[:3] == pytest.approx(wall[:3], abs=0.02) and 5 - PITCH * np.sqrt(3) <= flank[0] + 1e-9 < 5
+    grid = plane_grid((60, 64), PITCH, PITCH)
+    slope = 5 + 0.4 * np.broadcast_to(grid.x, (60, 64))
+    raised = recorded(slope, name="tip-convolution", radius_um=0.1, model=model) - slope
+    assert raised[20:40, 20:40] == pytest.approx(0.1 * (np.hypot(1, 0.4) - 1), rel=0.03)
+
+
+def test_the_shape_of_a_tip_is_smooth_where_ball_and_cone_meet():
+    tip = TipConvolution(radius_um=0.1, half_angle_deg=20.0)
+    meet = 0.1 * np.cos(np.radians(20))
+    assert tip.tip(meet) == pytest.approx(0.1 * (1 - np.sin(np.radians(20))))
+    slopes = [(tip.tip(meet + d) - tip.tip(meet)) / d for d in (-1e-6, 1e-6)]
+    assert slopes == pytest.approx([1 / np.tan(np.radians(20))] * 2, rel=1e-3)
+
+
 def test_line_ends_rise_at_y_edges_and_gaps_only():
     target = mesa()
     target[28:32, 12:32] = 0
@@ -326,6 +373,9 @@ def test_measurement_effects_follow_their_laws():
     slope = 5 + 0.2 * x
     assert np.allclose(recorded(slope, name="slope-error", bias_um=0.1) - slope, 0.1 * 0.04)
     assert np.allclose(recorded(slope, name="slope-error", signed_x_um=0.1) - slope, 0.1 * 0.2)
+    for ramp in (slope, 10 - slope):
+        assert np.allclose(recorded(ramp, name="slope-error", bias_abs_x_um=0.1) - ramp, -0.1 * 0.2)
+        assert np.allclose(recorded(ramp, name="slope-error", bias_abs_y_um=0.1), ramp)
     assert np.allclose(recorded(slope, name="z-amplification", gain=0.02), 1.02 * slope)
     sag = recorded(slope, name="field-curvature", sag_um=0.2, coma_y_um=0.1) - slope
     square = (x**2 + y**2) / 2500

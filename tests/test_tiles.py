@@ -55,6 +55,14 @@ PROCESSES = {
             ("edge-inhibition", {"gain": 0.1, "fwhm_um": 2.0}),
         ),
     ),
+    "lines": ParameterSet(
+        paper=PAPER,
+        effects=effects(
+            ("line-length-error", {"start_um": -0.37, "end_um": 0.2}),
+            ("tip-convolution", {"radius_um": 0.4}),
+            ("slope-error", {"bias_abs_x_um": 0.1, "bias_abs_y_um": -0.1}),
+        ),
+    ),
     "surface": ParameterSet(
         paper=PAPER,
         effects=effects(
@@ -142,6 +150,7 @@ def test_a_halo_begins_on_the_grid_of_pixels_taken_together_and_ends_with_the_ma
         (("dose-memory", {"gain": 0.1, "length_um": 3.0, "conversion": 1.0}), (0.0, 48.0)),
         (("line-end-pileup", {"gain": 0.1, "length_um": 3.0}), (24.0, 0.0)),
         (("edge-inhibition", {"gain": 0.1, "fwhm_um": 2.3548}), (5.0, 5.0)),
+        (("line-length-error", {"start_um": -0.3, "end_um": 0.1}), (0.3, 0.0)),
         (("vignetting", {"strength": 0.1}), (0.0, 0.0)),
     ],
 )
@@ -169,6 +178,7 @@ def test_every_effect_is_placed():
         (("stitching", {"shift_x_um": 0.1}), "effects.stitching: moves whole blocks"),
         (("z-linearity", {"quadratic_um": 0.1}), "effects.z-linearity: needs the whole range"),
         (("slope-error", {"max_angle_deg": 60.0}), "effects.slope-error: leaves gaps"),
+        (("tip-convolution", {"half_angle_deg": 20.0}), "effects.tip-convolution: reaches as far as walls are high"),
     ],
 )
 def test_effects_of_the_whole_part_are_refused(named, said):

@@ -35,7 +35,7 @@ class GalvoLag(FocusEffect):
     meaning = "the scan mirrors follow late: structures trail along the lines (y)"
     frame = "printer"
     source = "NanoWrite/GWL command documents (galvo acceleration); WinetraubLab/myOCT #139, #152 (constant delay)"
-    confused_with = ("misregistration", "slope-error")
+    confused_with = ("misregistration", "slope-error", "line-length-error")
     separated_by = "the same part printed turned by 90° or with reversed lines, or a series of scan speeds"
     isotropic = False
 

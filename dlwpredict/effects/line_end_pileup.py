@@ -63,7 +63,7 @@ class LineEndPileup(DoseEffect):
     meaning = "too much dose where the lines start and stop: ridges on the edges that face along y"
     frame = "printer"
     source = "Lang 2022 (constant acceleration); gardner-lab/printimage (compensates beam speed)"
-    confused_with = ("edge-drying", "batwings", "dose-memory")
+    confused_with = ("edge-drying", "batwings", "dose-memory", "line-length-error")
     separated_by = "edges along x against edges along y on one part of two heights, or a series of scan speeds"
     isotropic = False
 

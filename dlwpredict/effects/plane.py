@@ -56,6 +56,26 @@ def slopes(recording: HeightMap) -> tuple[np.ndarray, np.ndarray]:
     return right / recording.dx_um, -down / recording.dy_um
 
 
+WALL = 4.0
+"""Change of slope between pixels of a wall: there each side of a pixel has a slope of its own."""
+
+
+def own_slope(bend: np.ndarray, pitch_um: float) -> np.ndarray:
+    """Return by how much the slope on the upper side of a pixel exceeds the central one; on the lower side it is less.
+
+    Nothing on smooth ground, so that a small step up counts like one down; half of the bend beside a wall, which is
+    then straight from pixel to pixel, and nothing overshoots.
+
+    Parameters
+    ----------
+    bend : numpy.ndarray
+        Second difference of the heights, µm; the result is in µm per pixel.
+    pitch_um : float
+    """
+    steep = np.minimum((bend / (WALL * pitch_um)) ** 8, 1e9)
+    return bend / 2 * steep / (1 + steep)
+
+
 def nearest(plane: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return the plane with every unknown point taken from the nearest known one (0 if none is known)."""
     if known.all():

@@ -38,9 +38,11 @@ REACH_UM: dict[str, Callable[[Any], Reach]] = {
     "edge-drying": lambda e: _round(FADED * e.length_um),
     "edge-inhibition": lambda e: _gaussian(e.fwhm_um),
     "galvo-lag": lambda e: (LAG_REACH * e.lag_um * e.height_share, 0.0),
+    "line-length-error": lambda e: (max(abs(e.start_um), abs(e.end_um)), 0.0),
     "line-end-pileup": lambda e: (FADED * e.length_um, 0.0),
     "batwings": lambda e: _gaussian(e.fwhm_um),
     "instrument-blur": lambda e: _gaussian(e.fwhm_um),
+    "tip-convolution": lambda e: _round(e.radius_um),
 }
 """Reach of the effects that look at their surroundings; every halo holds the next pixels, for slopes."""
 
@@ -69,6 +71,7 @@ WHOLE: dict[str, tuple[Callable[[Any], bool], str]] = {
     "power-drift": (lambda e: True, "counts from the highest layer of the part"),
     "slope-error": (lambda e: e.max_angle_deg < 90, "leaves gaps of any size with max_angle_deg below 90"),
     "stitching": (lambda e: bool(e.shift_x_um or e.shift_y_um), "moves whole blocks with shift_x_um and shift_y_um"),
+    "tip-convolution": (lambda e: bool(e.half_angle_deg), "reaches as far as walls are high with half_angle_deg"),
     "z-linearity": (lambda e: bool(e.quadratic_um), "needs the whole range of heights with quadratic_um"),
 }
 """Effects that need the whole map: under which settings, and why."""
@@ -112,15 +115,17 @@ def check_tileable(parameters: ParameterSet, *, as_measured: bool) -> None:
 def halo_um(parameters: ParameterSet) -> Reach:
     """Return how far around a point the exposed resin and its cross-linking depend on what is written.
 
-    The focus reaches as far as its widest part, effects on the dose add their own reach, once more where conversion
-    follows the dose, and cross-linking adds its own.
+    The focus reaches as far as its widest part, effects on the target and on the dose add their own reach, the latter
+    once more where conversion follows the dose, and cross-linking adds its own.
     """
     spot = HeightMap([[1.0, 1.0], [1.0, 1.0]], 1.0, 1.0)
     dose = run([step for step in steps(parameters, Levels(1)) if step.stage == "dose"], spot)
-    local = [reach_um(e) for e in _active(parameters, False) if e.stage == "dose"]
+    active = _active(parameters, False)
+    written = [reach_um(e) for e in active if e.stage == "target"]
+    local = [reach_um(e) for e in active if e.stage == "dose"]
     focus = _round(max(part.reach_um for part in dose.focus))
     spread = _gaussian(parameters.paper.crosslink_fwhm_xy_um)
-    return _together(focus, spread, *local, *(local if dose.conversion else ()))
+    return _together(focus, spread, *written, *local, *(local if dose.conversion else ()))
 
 
 def reach_um(effect: Any) -> Reach:

@@ -55,6 +55,8 @@ ALIKE = (
     {"instrument-blur", "batwings"},
     {"edge-inhibition", "psf-wings", "dose-proximity", "edge-drying"},
     {"galvo-lag", "slope-error", "astigmatism"},
+    {"line-length-error", "slope-error", "line-end-pileup", "galvo-lag"},
+    {"tip-convolution", "instrument-blur", "edge-drying"},
     {"line-end-pileup", "batwings", "edge-drying"},
     {"interface-offset", "substrate-tilt", "print-field-curvature"},
 )

@@ -1,4 +1,7 @@
-"""Slope-dependent bias: t + bias |grad t|^2 + signed (dt/dx, dt/dy), slopes capped; no value above `max_angle_deg`."""
+"""Slope-dependent bias, slopes capped; no value above `max_angle_deg`.
+
+t + bias |grad t|^2 + signed (dt/dx, dt/dy) - bias_abs (|dt/dx|, |dt/dy|)
+"""
 
 from dataclasses import dataclass
 
@@ -19,6 +22,8 @@ class SlopeError(MeasureEffect):
     bias_um: float = 0.0
     signed_x_um: float = 0.0
     signed_y_um: float = 0.0
+    bias_abs_x_um: float = 0.0
+    bias_abs_y_um: float = 0.0
     max_angle_deg: float = 90.0
 
     def record(self, heights, grid):
@@ -28,7 +33,14 @@ class SlopeError(MeasureEffect):
         odd = self.signed_x_um * np.clip(across, -STEEPEST, STEEPEST) + self.signed_y_um * np.clip(
             up, -STEEPEST, STEEPEST
         )
-        out = heights + self.bias_um * capped + odd
+        out = heights + self.bias_um * capped + odd - self._lost(across, up)
         if self.max_angle_deg < 90:
             out = np.where(steepness > np.tan(np.radians(self.max_angle_deg)), np.nan, out)
         return out
+
+    def _lost(self, across, up):
+        """Return what is lost on slopes of either sign, axis by axis."""
+        return sum(
+            length * np.minimum(np.abs(slope), STEEPEST)
+            for length, slope in ((self.bias_abs_x_um, across), (self.bias_abs_y_um, up))
+        )
