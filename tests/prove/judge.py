@@ -12,7 +12,7 @@ import numpy as np
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import parameters_from
 from dlwpredict.files.provenance import sha256
-from dlwpredict.parameters import Paper, ParameterSet, declarations
+from dlwpredict.parameters import Paper, ParameterSet, Readings, declarations
 from tests.bench.cases import NEVER, SIDES, alike, in_terms_of
 from tests.prove.baselines import Bench, unseen_smooth_um, unseen_um
 from tests.prove.hidden import LIBRARY_FORM, LOCAL, OUTSIDE
@@ -186,7 +186,8 @@ def unseen(place: Folder, name: str, truth: Mapping, answer: Mapping) -> dict:
 
 
 def _baseline(told: Mapping) -> ParameterSet:
-    return ParameterSet(paper=Paper(**{k: v["value"] for k, v in told["baseline"]["parameters"].items()}))
+    paper = Paper(**{k: v["value"] for k, v in told["baseline"]["parameters"].items()})
+    return ParameterSet(paper=paper, readings=Readings(pixels=told["baseline"].get("pixels", "points")))
 
 
 def baselines(place: Folder, name: str, truth: Mapping, answer: Mapping) -> dict:

@@ -18,7 +18,7 @@ from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.unevenness import Uneven
-from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
 
 LIMIT_Z = 5.0
@@ -41,8 +41,9 @@ def noise_model(noise: dict, grid: HeightMap) -> Noise:
 
 
 def parameters_of(process: dict) -> ParameterSet:
-    """Return the seven of a press, in the program's words."""
-    return ParameterSet(paper=Paper(**{name.replace("focus_", "exposure_"): value for name, value in process.items()}))
+    """Return the seven of a press, in the program's words; it prints pixels as squares."""
+    paper = Paper(**{name.replace("focus_", "exposure_"): value for name, value in process.items()})
+    return ParameterSet(paper=paper, readings=Readings(pixels="squares"))
 
 
 def whitened(pairs: Sequence[tuple[HeightMap, HeightMap]], noise: dict) -> tuple[Whitened, ...]:

@@ -179,6 +179,7 @@ def _model(model: Model, found: Diagnosis, intervals: Ends | None = None) -> dic
         "rmse_um": _short(fitted.rmse_um()),
         "holdout_rmse_um": _short(found.held_out_um(fitted)),
         "parameters": values,
+        "pixels": fitted.parameters.readings.pixels,
     }
 
 
