@@ -193,6 +193,13 @@ class TestSearch:
         found.needed = lambda names, name: 12.0
         assert found.best() == {"field-curvature"}
 
+    def test_a_reduced_model_that_had_to_be_fitted_may_be_the_best(self):
+        """Two effects stand together, one of them alone does all: it is fitted only when the other is asked for."""
+        found = search({FIELD: 5.0, CURL + FIELD: 100.0})
+        alone = search({CURL: 99.0}).fitted[frozenset(CURL)]
+        found.without = lambda names, name: found.fitted.setdefault(names - {name}, alone)
+        assert found.best() == {"curl"}
+
     def test_what_scatters_more_must_gain_more(self):
         assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}
         assert search({CURL: 40.0}, curl=1.9).best() == frozenset()

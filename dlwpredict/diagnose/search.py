@@ -129,9 +129,16 @@ class Search:
         return screen
 
     def best(self) -> Names:
-        """Return the set of least cost in which every effect gains what noise and numerics hardly ever give it."""
-        order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
-        return next(names for names in order if self._admissible(names))
+        """Return the set of least cost in which every effect gains what noise and numerics hardly ever give it.
+
+        Reduced models that have to be fitted for that are sets as well, and may be the best.
+        """
+        found, known = frozenset(), 0
+        while len(self.fitted) > known:
+            known = len(self.fitted)
+            order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
+            found = next(names for names in order if self._admissible(names))
+        return found
 
     def rested(self) -> Names:
         """Return the best set, brought to convergence where only its quick fit was known."""
