@@ -12,6 +12,57 @@ from dlwpredict.errors import InputError
 HeightReference = Literal["substrate", "relative"]
 
 
+INSTRUMENTS = ("confocal", "wli", "afm", "unknown")
+"""Confocal microscope, white-light interferometer, atomic force microscope."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What has recorded a map, and in which direction it scans its lines.
+
+    Parameters
+    ----------
+    kind : {"confocal", "wli", "afm", "unknown"}
+    fast_axis_deg : float, optional
+        Direction of the fast measuring axis in the frame of the map, counter-clockwise from x, −180 < it ≤ 180;
+        None where there is none, or none is known.
+
+    Raises
+    ------
+    InputError
+        Another kind, or a direction that is not finite.
+
+    Examples
+    --------
+    >>> Instrument("afm", 30.0).turned(-90.0).fast_axis_deg, Instrument("afm", 30.0).mirrored().fast_axis_deg
+    (-60.0, 150.0)
+    """
+
+    kind: str = "unknown"
+    fast_axis_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in INSTRUMENTS:
+            raise InputError(f"found {self.kind}", key="instrument", allowed=f"allowed: {', '.join(INSTRUMENTS)}")
+        if self.fast_axis_deg is not None:
+            if not np.isfinite(self.fast_axis_deg):
+                raise InputError(
+                    f"found {self.fast_axis_deg:g}", key="instrument_fast_axis_deg", allowed="allowed: degrees from x"
+                )
+            object.__setattr__(self, "fast_axis_deg", 180 - (180 - float(self.fast_axis_deg)) % 360)
+
+    def turned(self, angle_deg: float) -> Instrument:
+        """Return the instrument in the frame of a map that was turned by an angle, counter-clockwise."""
+        return self if self.fast_axis_deg is None else replace(self, fast_axis_deg=self.fast_axis_deg + angle_deg)
+
+    def mirrored(self) -> Instrument:
+        """Return the instrument in the frame of a map whose columns were reversed."""
+        return self if self.fast_axis_deg is None else replace(self, fast_axis_deg=180 - self.fast_axis_deg)
+
+
+UNKNOWN = Instrument()
+
+
 @dataclass(frozen=True, eq=False)
 class HeightMap:
     """Heights over a regular grid, all lengths in µm.
@@ -30,6 +81,8 @@ class HeightMap:
         Whether absolute heights can be trusted. "relative": no substrate was in view, offset and tilt are free.
     filled : numpy.ndarray of bool, shape (rows, cols), optional
         True where the height was interpolated, not measured. Such points never carry weight in a fit.
+    instrument : Instrument
+        What has recorded it.
 
     Raises
     ------
@@ -50,6 +103,7 @@ class HeightMap:
     dy_um: float
     height_reference: HeightReference = "substrate"
     filled: np.ndarray | None = field(default=None, repr=False)
+    instrument: Instrument = UNKNOWN
 
     def __post_init__(self) -> None:
         heights = np.array(self.heights_um, dtype=float)

@@ -71,6 +71,8 @@ class Alignment:
             "missing_fraction": self.missing_fraction,
             "filled_points": 0 if self.aligned.filled is None else int(self.aligned.filled.sum()),
             "height_reference": self.aligned.height_reference,
+            "instrument": self.aligned.instrument.kind,
+            "instrument_fast_axis_deg": self.aligned.instrument.fast_axis_deg,
             "uncertainty": self.uncertainty,
             "shear_mrad": 1e3 * self.pose.shear,
             "bow_um": {"x": list(bow_x), "y": list(bow_y)},

@@ -92,7 +92,8 @@ def align(
     if mirrored and not allow_mirror:
         raise ResultError("the recording is mirrored", key="mirrored", allowed="turned back with --allow-mirror")
     if mirrored:
-        recording = recording.with_heights(recording.heights_um[:, ::-1])
+        turned_back = recording.with_heights(recording.heights_um[:, ::-1])
+        recording = replace(turned_back, instrument=recording.instrument.mirrored())
         measured, suspects, surface = measured[:, ::-1], suspects[:, ::-1], surface.mirrored()
     pose, pixel_um = choice.peak.pose, max(target.dx_um, target.dy_um)
     found = register(_levels(surface, scene.surface), pose, distortion, pixel_um, is_round=choice.is_round)
@@ -105,6 +106,7 @@ def align(
     plane = find_plane(laid, scene.target, margin)
     x, y = np.meshgrid(scene.target.x_um, scene.target.y_um)
     level = scene.crop(replace(laid, heights_um=laid.heights_um - plane.at(x, y), height_reference=plane.reference))
+    level = replace(level, instrument=recording.instrument.turned(-found.fit.pose.rotation_deg))
     if keep_missing:
         level = replace(level, heights_um=np.where(level.measured, level.heights_um, np.nan), filled=None)
     return _report(recording, target, level, found, choice, plane, int(spikes.sum()))

@@ -12,7 +12,7 @@ import yaml
 from dlwpredict.align import Alignment, align
 from dlwpredict.align.choose import ODDS, odds
 from dlwpredict.cli.console import detail, say, warn
-from dlwpredict.cli.options import Output, Overwrite, check_outputs
+from dlwpredict.cli.options import FastAxis, InstrumentKind, Output, Overwrite, check_outputs, recorded_by
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError
@@ -45,6 +45,8 @@ def run(
     known_part: Annotated[
         bool, typer.Option("--known-part", help="Take the best pose also where nothing proves that this is the part.")
     ] = False,
+    instrument: InstrumentKind = None,
+    fast_axis_deg: FastAxis = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -54,7 +56,8 @@ def run(
     """
     check_outputs(output, report, plot, overwrite=overwrite)
     check_plot(plot)
-    maps = read_height_map(recording), read_height_map(target)
+    seen = recorded_by(read_height_map(recording), instrument, fast_axis_deg)
+    maps = seen, read_height_map(target)
     try:
         found = align(
             *maps,

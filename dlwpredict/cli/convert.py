@@ -34,6 +34,8 @@ def run(
     channel: Annotated[
         str | None, typer.Option("--channel", metavar="TITLE|NUMBER", help="Which channel, if IN has several.")
     ] = None,
+    instrument: options.InstrumentKind = None,
+    fast_axis_deg: options.FastAxis = None,
     plot: Plot = None,
     overwrite: options.Overwrite = False,
 ) -> None:
@@ -52,6 +54,7 @@ def run(
     height_map = read_height_map(
         source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked, channel=channel
     )
+    height_map = options.recorded_by(height_map, instrument, fast_axis_deg)
     tilt = " x ".join(f"{round(slope, 2) + 0:g}" for slope in tilt_mrad(height_map))
     say(f"{source}: {height_map.summary()}, tilt {tilt} mrad")
     for warning in plausibility(height_map):

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer.core import TyperCommand
 
 from dlwpredict.errors import InputError
+
+if TYPE_CHECKING:
+    from dlwpredict.heightmap import HeightMap
 
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(nm|um|µm|μm|mm)?")
 
@@ -56,6 +59,27 @@ Fill = Annotated[
     str | None,
     typer.Option("--fill", metavar="zero|nearest|UM", help="What to put where nothing was measured (NaN)."),
 ]
+InstrumentKind = Annotated[
+    Literal["confocal", "wli", "afm", "unknown"] | None,
+    typer.Option("--instrument", help="What recorded the map; wins over what the file says."),
+]
+FastAxis = Annotated[
+    float | None,
+    typer.Option(
+        "--fast-axis-deg",
+        metavar="DEG",
+        help="Direction in which it scans its lines, counter-clockwise from x; wins over what the file says.",
+    ),
+]
+
+
+def recorded_by(height_map: HeightMap, kind: str | None, fast_axis_deg: float | None) -> HeightMap:
+    """Return a map with what the user says of its instrument."""
+    from dataclasses import replace
+
+    said = {"kind": kind, "fast_axis_deg": fast_axis_deg}
+    said = {name: value for name, value in said.items() if value is not None}
+    return replace(height_map, instrument=replace(height_map.instrument, **said)) if said else height_map
 
 
 Pairs = Annotated[

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.heightmap import HeightMap, HeightReference
+from dlwpredict.heightmap import UNKNOWN, HeightMap, HeightReference, Instrument
 
 Pair = tuple[float, float]
 MOST_POINTS = 2**26  # 8192 x 8192
@@ -77,7 +77,7 @@ class Stored:
         Heights of level 0 and of level ``top_level`` if the file states them.
     top_level : int, optional
         For grey pictures: the level that ``z_range_um`` ends at. Such numbers mean nothing without a range.
-    height_reference, filled
+    height_reference, filled, instrument
         As in `HeightMap`.
     """
 
@@ -88,6 +88,7 @@ class Stored:
     top_level: int | None = None
     height_reference: HeightReference = "substrate"
     filled: np.ndarray | None = None
+    instrument: Instrument = UNKNOWN
 
     def height_map(
         self, *, pitch_um: Pair | None = None, z_scale: float | None = None, z_range_um: Pair | None = None
@@ -107,7 +108,7 @@ class Stored:
             heights = self._heights(z_scale, z_range_um or self.z_range_um)
         if heights.size and np.isnan(heights).all():
             raise InputError("not one measured point (all NaN)", key="heights", allowed="at least one finite height")
-        return HeightMap(heights, *pitch, height_reference=self.height_reference, filled=self.filled)
+        return HeightMap(heights, *pitch, self.height_reference, self.filled, self.instrument)
 
     def _heights(self, z_scale: float | None, z_range_um: Pair | None) -> np.ndarray:
         heights = np.asarray(self.numbers, dtype=float)

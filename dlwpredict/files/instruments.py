@@ -7,6 +7,7 @@ format for another. ``.dat`` is text, unless the file begins as MetroPro files d
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from dlwpredict.errors import InputError
 from dlwpredict.files.channels import chosen_channel
 from dlwpredict.files.formats import Format, Pair, Stored, said
+from dlwpredict.heightmap import Instrument
 
 METROPRO_FIRST_BYTES = (b"\x88\x1b\x03\x6f", b"\x88\x1b\x03\x70", b"\x88\x1b\x03\x71")
 READERS = {
@@ -55,6 +57,15 @@ READERS = {
 """Reader by ending, as the library names it."""
 
 
+AFM = ("di", "ezd", "ibw", "jpk", "mdt", "mi", "wsxm")
+"""Readers of scanning probes: a row is a line of the scan."""
+
+KINDS = dict.fromkeys(("datx", "metropro", "opd", "opdx", "zmg"), "wli") | dict.fromkeys(
+    ("lext", "oir", "poir", "vk"), "confocal"
+)
+"""Readers of instruments that are of one kind."""
+
+
 def read_instrument(path: Path, pitch_um: Pair | None, channel: str | None = None) -> Stored:
     """Read one height channel, converted to µm from the unit that the file states.
 
@@ -70,11 +81,22 @@ def read_instrument(path: Path, pitch_um: Pair | None, channel: str | None = Non
         readers = _library()
         try:
             with readers[name](str(path)) as reader:
-                return _stored(reader, pitch_um, channel)
+                return replace(_stored(reader, pitch_um, channel), instrument=instrument_of(name))
         except InputError:
             raise
         except Exception as error:  # the library meets broken files with errors of every kind
             raise InputError(f"not readable as {name} ({said(error)})", key="file", allowed="a whole file") from None
+
+
+def instrument_of(reader: str) -> Instrument:
+    """Return what writes files that a reader reads.
+
+    Examples
+    --------
+    >>> instrument_of("di"), instrument_of("vk").kind, instrument_of("sur").kind
+    (Instrument(kind='afm', fast_axis_deg=0.0), 'confocal', 'unknown')
+    """
+    return Instrument("afm", 0.0) if reader in AFM else Instrument(KINDS.get(reader, "unknown"))
 
 
 def _library() -> dict[str, Any]:

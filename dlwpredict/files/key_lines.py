@@ -1,4 +1,4 @@
-"""The ``key=value`` lines that TIFF descriptions and text headers share: unit, pitch, height reference."""
+"""The ``key=value`` lines that TIFF descriptions and text headers share: unit, pitch, height reference, instrument."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from dlwpredict.errors import InputError
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 
 _LINE = re.compile(r"^[#\s]*(\w+)\s*=\s*(.*?)\s*$")
 
@@ -17,6 +17,11 @@ def key_lines(height_map: HeightMap) -> dict[str, str]:
     lines = {"z_unit": "um", "pitch_x_um": repr(height_map.dx_um), "pitch_y_um": repr(height_map.dy_um)}
     if height_map.height_reference != "substrate":
         lines["height_reference"] = height_map.height_reference
+    instrument = height_map.instrument
+    if instrument.kind != "unknown":
+        lines["instrument"] = instrument.kind
+    if instrument.fast_axis_deg is not None:
+        lines["instrument_fast_axis_deg"] = repr(instrument.fast_axis_deg)
     return lines
 
 
@@ -35,7 +40,7 @@ def stored_facts(lines: dict[str, str]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        A pitch that is no positive number or given for one axis only, or an unknown reference.
+        A pitch that is no positive number or given for one axis only, an unknown reference or instrument.
     """
     facts: dict[str, Any] = {}
     names = ("pitch_x_um", "pitch_y_um")
@@ -49,7 +54,17 @@ def stored_facts(lines: dict[str, str]) -> dict[str, Any]:
                 f"found {lines['height_reference']}", key="height_reference", allowed="allowed: substrate, relative"
             )
         facts["height_reference"] = lines["height_reference"]
+    if {"instrument", "instrument_fast_axis_deg"} & lines.keys():
+        facts["instrument"] = Instrument(lines.get("instrument", "unknown"), _angle(lines))
     return facts
+
+
+def _angle(lines: dict[str, str]) -> float | None:
+    name = "instrument_fast_axis_deg"
+    try:
+        return float(lines[name]) if name in lines else None
+    except ValueError:
+        raise InputError(f"found {lines[name]}", key=name, allowed="allowed: degrees from x") from None
 
 
 def _positive(lines: dict[str, str], name: str) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from dlwpredict.errors import InputError
 from dlwpredict.files.formats import Format, Pair, Stored
+from dlwpredict.heightmap import Instrument
 
 HEADER_BYTES = 3468
 VERSION = b"OM_MS_2.0"
@@ -48,7 +49,7 @@ def read_nms(path: Path, pitch_um: Pair | None) -> Stored:
     if has_intensity:
         intensity = np.frombuffer(content, np.uint8, offset=HEADER_BYTES + 2 * cols * rows).reshape(rows, cols)
         heights_um[intensity == 0] = np.nan
-    return Stored(heights_um, pitch_um=(dx_nm * 1e-3, dy_nm * 1e-3), z_unit="um")
+    return Stored(heights_um, pitch_um=(dx_nm * 1e-3, dy_nm * 1e-3), z_unit="um", instrument=Instrument("confocal"))
 
 
 FORMAT = Format("NanoFocus µSurf", (".nms",), read_nms)
