@@ -193,6 +193,12 @@ class TestPixels:
         assert low < TRUTH.paper.exposure_fwhm_xy_um < high
 
 
+def test_rounding_does_not_lift_the_lowest_factor_above_a_fixed_highest_one(air, printed):
+    fixed = replace(TRUTH, paper=replace(TRUTH.paper, shrinkage_min=0.3, shrinkage_max=0.30983617388769175))
+    found = calibrate([prepare(air, printed)], choose(fixed, free=("shrinkage_min",)), profile=False)
+    assert found.parameters.paper.shrinkage_min == found.parameters.paper.shrinkage_max
+
+
 def test_same_seed_same_result(air, printed):
     pair, free = prepare(air, noisy(printed, 0)), choose(ParameterSet(), free=KAPPAS)
     first, second = (calibrate([pair], free, seed=3) for _ in range(2))

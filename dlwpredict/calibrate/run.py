@@ -110,7 +110,8 @@ class Calibration:
     @property
     def parameters(self) -> ParameterSet:
         """The calibrated process, with bounds and intervals."""
-        found, names = self.free.parameters([_rounded(v) for v in self.end.vector]), self.free.names
+        rounded = np.array([_rounded(v) for v in self.end.vector])
+        found, names = self.free.parameters(self.free.allowed(rounded)), self.free.names
         bounds = zip(self.free.low, self.free.high, strict=True)
         return replace(
             found,

@@ -69,11 +69,13 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
 
 
 def _lower(objective: Objective, now: Fit, vector: np.ndarray, damping: float) -> Fit | None:
-    """Return the fit at a place, or where the bend that it shows leads; None where both are higher.
+    """Return the fit at a place, or where the bend that it shows leads; None where both are higher, or it is the same.
 
     Correlated parameters form a curved valley. A long step overshoots onto its flank; before it is rejected, the step
     that follows the bend is tried (geodesic acceleration: Transtrum & Sethna, arXiv:1201.5885).
     """
+    if np.array_equal(vector, now.vector):
+        return None
     trial = objective.at(now.free, vector, now)
     if trial.cost >= now.cost:
         trial = objective.at(now.free, _along_bend(now, trial, damping), trial)
