@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -75,8 +76,6 @@ FastAxis = Annotated[
 
 def recorded_by(height_map: HeightMap, kind: str | None, fast_axis_deg: float | None) -> HeightMap:
     """Return a map with what the user says of its instrument."""
-    from dataclasses import replace
-
     said = {"kind": kind, "fast_axis_deg": fast_axis_deg}
     said = {name: value for name, value in said.items() if value is not None}
     return replace(height_map, instrument=replace(height_map.instrument, **said)) if said else height_map

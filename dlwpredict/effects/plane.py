@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.steps import WALL
 from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, ndtr, wide_blur
 
 FIELD_RADIUS_UM = 50.0
@@ -54,10 +55,6 @@ def slopes(recording: HeightMap) -> tuple[np.ndarray, np.ndarray]:
     """Return ∂t/∂x and ∂t/∂y (y upwards) by central differences, gaps closed by their nearest neighbours."""
     down, right = np.gradient(nearest(recording.heights_um, ~np.isnan(recording.heights_um)))
     return right / recording.dx_um, -down / recording.dy_um
-
-
-WALL = 4.0
-"""Change of slope between pixels of a wall: there each side of a pixel has a slope of its own."""
 
 
 def own_slope(bend: np.ndarray, pitch_um: float) -> np.ndarray:

@@ -75,8 +75,10 @@ def rough(
 
 
 def read_as_squares(fit: Fit, objective: Objective) -> Fit:
-    """Return a rough fit with the pixels read as squares, descended from there."""
+    """Return a rough fit with the pixels read as squares, descended from there; itself where they are."""
     parameters = fit.parameters
+    if parameters.readings.pixels == "squares":
+        return fit
     squares = replace(parameters, readings=replace(parameters.readings, pixels="squares"))
     free = moving(squares, fit.free)
     return descend(objective, objective.differentiated(objective.at(free, free.start, fit)), gain=GAIN * fit.rows.data)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Focus, Numerics
@@ -112,7 +111,7 @@ class PixelMean:
         """Return the mean of the surface over every pixel."""
         heights = printed.heights_um
         bends = (
-            pitch * np.clip(ndimage.correlate1d(heights / pitch, [1.0, -2.0, 1.0], axis, mode="nearest"), -WALL, WALL)
-            for axis, pitch in enumerate((printed.dy_um, printed.dx_um))
+            pitch * np.clip(np.diff(np.pad(heights / pitch, ends, mode="edge"), 2, axis), -WALL, WALL)
+            for axis, pitch, ends in ((0, printed.dy_um, ((1, 1), (0, 0))), (1, printed.dx_um, ((0, 0), (1, 1))))
         )
         return printed.with_heights(heights + sum(bends) / 24)
