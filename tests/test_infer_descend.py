@@ -196,6 +196,12 @@ class TestFitter:
         found, best = (Fitter(objective, choose(ParameterSet())).best(Start(s)) for s in (begun, truth))
         assert found.cost == pytest.approx(best.cost, abs=1)
 
+    def test_a_parent_that_has_kept_no_derivatives_is_a_place_to_begin(self, air, printed):
+        objective, free = objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS)
+        parent = descended(objective, free)
+        quick = [fitting._quick(objective, free, [Start(LOW, near)])[0] for near in (parent, parent.light)]
+        assert quick[1].cost == pytest.approx(quick[0].cost, abs=0.1)
+
     def test_a_model_is_fitted_once(self, air, printed):
         fitter = Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS))
         assert not fitter.has(Start(LOW))

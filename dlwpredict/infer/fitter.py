@@ -175,9 +175,10 @@ def _again(objective: Objective, like: Free, quick: Fit) -> tuple[Fit, float]:
 
 
 def _begun(objective: Objective, start: Start, like: Free) -> Fit:
-    """Return a start with derivatives, its parent's where it has one."""
-    free = moving(start.parameters, like)
-    return objective.differentiated(objective.at(free, free.start, start.parent), start.parent)
+    """Return a start with derivatives, its parent's where it has one that has them."""
+    free, parent = moving(start.parameters, like), start.parent
+    begun = objective.at(free, free.start, parent)
+    return objective.differentiated(begun, parent if parent and parent.nuisances else None)
 
 
 def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit | None) -> tuple[Fit, float]:

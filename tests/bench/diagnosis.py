@@ -86,18 +86,23 @@ def limits(kept: Path, seed: int, processes: int) -> dict[str, dict[str, float |
 
 
 def _limit(seed: int, name: str) -> dict[str, float | str]:
+    """Return the limit by the switch that shows most; by the next where its size was not to be had inside the range."""
     known = _bare(seed)
     if name in OUTSIDE:
         return {"z": known.shares({"name": name, **OUTSIDE[name]})["z"]}
     own = name.removesuffix(LONGER)
-    candidate, visible = _most_visible(seed)[own]
-    probe = getattr(candidate.at(LIMIT_Z / max(visible, 1e-9)), candidate.switch)
     models = forms(own)
     settings = {"model": models["longer" if name.endswith(LONGER) else "library"]} if models else {}
-    ends = candidate.declaration.low, candidate.declaration.high
-    one = strength(Hidden(own, candidate.switch, candidate.off, probe, *ends, settings), 1.0, known)
-    where = {"switch": candidate.switch, "off": candidate.off, "low": ends[0], "high": ends[1]}
-    return where | settings | {key: one[key] for key in ("value", "z")}
+    tried = []
+    for candidate, visible in _switches(seed)[own]:
+        probe = getattr(candidate.at(LIMIT_Z / max(visible, 1e-9)), candidate.switch)
+        ends = candidate.declaration.low, candidate.declaration.high
+        one = strength(Hidden(own, candidate.switch, candidate.off, probe, *ends, settings), 1.0, known)
+        where = {"switch": candidate.switch, "off": candidate.off, "low": ends[0], "high": ends[1]}
+        tried.append(where | settings | {key: one[key] for key in ("value", "z")})
+        if tried[-1]["z"] > LIMIT_Z / 2:
+            break
+    return max(tried, key=lambda one: one["z"]) if tried[-1]["z"] <= LIMIT_Z / 2 else tried[-1]
 
 
 @cache
@@ -106,19 +111,19 @@ def _bare(seed: int) -> Bare:
 
 
 @cache
-def _most_visible(seed: int) -> dict[str, tuple[Candidate, float]]:
-    """Return every effect's switch that shows most beside the seven, at its default shape, and the z of its size."""
-    fitted, first = _bare(seed).sight.fit, {}
+def _switches(seed: int) -> dict[str, list[tuple[Candidate, float]]]:
+    """Return every effect's switches at their default shape, that first whose typical size shows most beside the seven.
+
+    With each stands the z of that size.
+    """
+    fitted, found = _bare(seed).sight.fit, {}
     around = Signatures.of(fitted, (), Work())
     for candidate, maps in zip(around.chosen, around.maps_um, strict=True):
         default = type(candidate.effect)(**{candidate.switch: candidate.off})
-        if any(getattr(candidate.effect, n) != getattr(default, n) for n in declarations(default)):
-            continue
-        seen = fitted.rows.stack([fitted.seen(k, change) for k, change in enumerate(maps)])
-        visible = float(np.linalg.norm(fitted.beside(seen)))
-        if candidate.name not in first or visible > first[candidate.name][1]:
-            first[candidate.name] = candidate, visible
-    return first
+        if all(getattr(candidate.effect, n) == getattr(default, n) for n in declarations(default)):
+            seen = fitted.rows.stack([fitted.seen(k, change) for k, change in enumerate(maps)])
+            found.setdefault(candidate.name, []).append((candidate, float(np.linalg.norm(fitted.beside(seen)))))
+    return {name: sorted(some, key=lambda one: -one[1]) for name, some in found.items()}
 
 
 def strong(name: str, known: Mapping, times: float, form: str = "library") -> dict:
