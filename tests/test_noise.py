@@ -8,7 +8,8 @@ from dlwpredict.align.resample import prepared, resample
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
 from dlwpredict.noise.estimate import _at, estimate
-from dlwpredict.noise.unevenness import Uneven, Unevenness, grown
+from dlwpredict.noise.lines import Lines
+from dlwpredict.noise.unevenness import Ground, Uneven, Unevenness, grown
 from dlwpredict.noise.whitening import Neighbourhood, Whitener
 
 MODEL = Noise(white_um=0.005, correlated_um=0.02, length_um=1.5, dx_um=0.4, dy_um=0.5)
@@ -102,11 +103,12 @@ def test_whitened_noise_is_white(holes):
     assert abs(neighbours) < 0.02
 
 
-UNEVEN = Uneven(NOISE, jitter_um=0.03, power=1.0, row_um=0.008, column_um=0.004)
+ROWS = Lines(white_um=0.006, red_um=0.005, red_lines=2.0, hum_um=0.003, hum_lines=4.0, period_lines=3.0, tilt_um=0.01)
+UNEVEN = Uneven(NOISE, jitter_um=0.03, power=1.0, rows=ROWS, columns=Lines(white_um=0.004))
 
 
 def test_uneven_noise_has_the_covariance_that_it_says():
-    """S C S + σ_r²·[same row] + σ_l²·[same column], by the whitener and by draws."""
+    """S C S + K(rows) + τ²·x·x'·[same row] + σ_l²·[same column], by the whitener and by draws."""
     used = np.ones((9, 11), dtype=bool)
     used[3:5, 4:6] = False
     slope = np.random.default_rng(0).random(used.shape) * 2
@@ -114,7 +116,10 @@ def test_uneven_noise_has_the_covariance_that_it_says():
     distance = 0.4 * np.hypot(np.subtract.outer(row, row), np.subtract.outer(col, col))
     scale = 1 + 0.03 * slope[used] / NOISE.sigma_um
     covariance = scale * scale[:, None] * (0.02**2 * matern(distance, 1.0) + 0.005**2 * np.eye(len(row)))
-    covariance += 0.008**2 * (row == row[:, None]) + 0.004**2 * (col == col[:, None])
+    lag, along = np.abs(np.subtract.outer(row, row)), np.linspace(-1, 1, 11)[col]
+    swing = np.exp(-lag / 4) * np.cos(2 * np.pi * lag / 3)
+    covariance += 0.006**2 * (lag == 0) + 0.005**2 * np.exp(-lag / 2) + 0.003**2 * swing
+    covariance += 0.01**2 * np.outer(along, along) * (lag == 0) + 0.004**2 * (col == col[:, None])
     whitener = Whitener.of(used, UNEVEN, slope)
     matrix = whitener @ np.eye(len(row))
     np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(len(row)), atol=0.03)
@@ -133,12 +138,12 @@ def test_uneven_noise_is_recognised_and_even_noise_is_not_called_so():
 
     def found(noise: Uneven) -> Uneven:
         values = noise.simulate(used.shape, rng, slope)
-        return estimate(values, used, (0.4, 0.4), level, slope=slope, seed=1).model
+        return estimate(values, used, (0.4, 0.4), level, ground=Ground(slope), seed=1).model
 
     even = Noise(0.004, 0.012, 1.0, 0.4, 0.4)
-    assert all(vars(found(Uneven(even)))[name] == 0 for name in ("jitter_um", "row_um", "column_um"))
+    assert not any(found(Uneven(even)).ways)
     jitter, rows, columns = (
-        found(Uneven(even, **one)) for one in ({"jitter_um": 0.02}, {"row_um": 0.004}, {"column_um": 0.004})
+        found(Uneven(even, **one)) for one in ({"jitter_um": 0.02}, {"rows": Lines(0.004)}, {"columns": Lines(0.004)})
     )
     assert (jitter.jitter_um, jitter.power) == (pytest.approx(0.02, rel=0.15), 2.0)
     assert (jitter.row_um, jitter.column_um) == (0, 0)
@@ -146,6 +151,40 @@ def test_uneven_noise_is_recognised_and_even_noise_is_not_called_so():
     assert columns.column_um == pytest.approx(0.004, rel=0.3) and columns.row_um == 0
     for one in (jitter, rows, columns):
         assert one.even.sigma_um == pytest.approx(even.sigma_um, rel=0.12)
+
+
+class TestLines:
+    """Rows of a scanning instrument, 171 of them, on noise twice as strong as their offsets."""
+
+    EVEN = Noise(0.01, 0.008, 0.8, 0.3, 0.3)
+
+    def estimated(self, rows: Lines, seed: int, axes=(0, 1)):
+        used, (y, x) = np.ones((171, 120), dtype=bool), np.mgrid[:171, :120] / 171
+        used[40:50, 60:90] = False
+        values = Uneven(self.EVEN, rows=rows).simulate(used.shape, np.random.default_rng(seed))
+        level = np.stack([np.ones(x.shape), x, y])
+        return estimate(values, used, (0.3, 0.3), level, ground=Ground(axes=axes), seed=1).model
+
+    def test_drift_hum_and_tilts_are_told_apart(self):
+        found = [self.estimated(Lines(0.002, 0.005, 8.0, 0.006, 30.0, 4.5, 0.0057), seed).rows for seed in range(3)]
+        assert np.median([one.period_lines for one in found]) == pytest.approx(4.5, rel=0.03)
+        assert np.median([one.hum_um for one in found]) == pytest.approx(0.006, rel=0.25)
+        assert np.median([one.tilt_um for one in found]) == pytest.approx(0.0057, rel=0.15)
+        assert np.median([np.hypot(one.red_um, one.white_um) for one in found]) == pytest.approx(0.0054, rel=0.35)
+
+    def test_offsets_that_are_independent_are_not_said_to_drift_swing_or_tilt(self):
+        found = [self.estimated(Lines(0.004), seed) for seed in range(6)]
+        assert [one.row_um for one in found] == pytest.approx([0.004] * 6, rel=0.25)
+        assert sum(one.rows.red_um > 0 or one.rows.hum_um > 0 or one.rows.tilt_um > 0 for one in found) <= 1
+        assert not any(one.column_um for one in found)
+
+    def test_where_the_scan_runs_along_columns_rows_are_no_lines_of_it(self):
+        assert self.estimated(Lines(0.004), 0, axes=(1,)).row_um == 0
+
+    def test_draws_have_the_covariance_that_they_say(self):
+        drawn = ROWS.simulate(5, 3, np.random.default_rng(0), 20000)
+        np.testing.assert_allclose(np.cov(drawn[:, :, 1].T), ROWS.covariance(5), atol=3e-6)
+        assert np.std(drawn[:, 0, 2] - drawn[:, 0, 0]) == pytest.approx(0.02, rel=0.03)
 
 
 def test_whitening_does_not_look_at_what_was_not_measured(holes):
@@ -200,7 +239,7 @@ def test_white_noise_that_was_read_between_its_pixels_is_known_by_its_grain():
 def test_whitening_is_undone(holes):
     """In raster order every point stands on those before it, so that the way back is a solve from the top."""
     slope = np.random.default_rng(7).random(holes.shape)
-    whitener = Whitener.of(holes, Uneven(NOISE, 0.03, 1.0, 0.01, 0.02), slope)
+    whitener = Whitener.of(holes, Uneven(NOISE, 0.03, 1.0, Lines(0.01), Lines(0.02)), slope)
     values = np.random.default_rng(6).normal(size=(holes.sum(), 2))
     np.testing.assert_allclose(whitener.solve(whitener @ values), values, atol=1e-9)
 
@@ -212,7 +251,7 @@ def test_a_place_is_a_share_a_length_and_a_scale():
 
 
 def test_uneven_noise_is_the_root_of_its_parts():
-    assert UNEVEN.sigma_um == pytest.approx(np.sqrt(0.005**2 + 0.02**2 + 0.008**2 + 0.004**2))
+    assert UNEVEN.sigma_um == pytest.approx(np.sqrt(0.005**2 + 0.02**2 + 7e-5 + 0.004**2))
     assert grown(0.5, 2.0) == pytest.approx(np.hypot(1, 0.5)) and grown(0.5, 1.0) == pytest.approx(1.5)
 
 

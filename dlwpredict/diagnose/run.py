@@ -333,6 +333,5 @@ def _models(noise: Sequence[NoiseEstimate]) -> list[Uneven]:
 
 def _alike(one: Uneven, other: Uneven) -> bool:
     """Tell whether two models of noise are uneven in the same ways, and else the same to the accuracy of estimates."""
-    ways = [(noise.jitter_um > 0, noise.row_um > 0, noise.column_um > 0) for noise in (one, other)]
     pairs = (one.sigma_um, other.sigma_um), (one.even.length_um, other.even.length_um)
-    return ways[0] == ways[1] and all(abs(np.log(a / b)) < policy.ALIKE for a, b in pairs)
+    return one.ways == other.ways and all(abs(np.log(a / b)) < policy.ALIKE for a, b in pairs)

@@ -10,7 +10,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import GRAINS_PX, SMOOTHNESSES, NoiseEstimate, estimate
-from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.noise.unevenness import Ground, Uneven
 from dlwpredict.parallel import ALONE, Workers
 
 SAME = 1e-6
@@ -57,7 +57,8 @@ def noises(
         pitch = recording.target.dx_um, recording.target.dy_um
         kinds = _kinds(like[k].model.even) if like else (SMOOTHNESSES, GRAINS_PX)
         slope = slopes[k] if slopes else 0.0
-        jobs.append((residual, used, pitch, design, kinds, slope, source, seed + k))
+        ground = Ground(slope, recording.scanned_axes)
+        jobs.append((residual, used, pitch, design, kinds, ground, source, seed + k))
     return workers.each(_noise, jobs)
 
 
@@ -95,12 +96,12 @@ def _noise(
     pitch_um: tuple[float, float],
     design: np.ndarray,
     kinds: tuple[Sequence[float], Sequence[float]],
-    slope: np.ndarray | float,
+    ground: Ground,
     source: str,
     seed: int,
 ) -> NoiseEstimate:
     forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, kinds, slope=slope, source=source, seed=seed)
+    return estimate(residual_um, used, pitch_um, forms, kinds, ground=ground, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

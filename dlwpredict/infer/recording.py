@@ -50,6 +50,12 @@ class Recording:
         """Number of used points."""
         return int(self.used.sum())
 
+    @property
+    def scanned_axes(self) -> tuple[int, ...]:
+        """Whether lines of the scan may be rows (0) or columns (1) of the map: both where that is not known."""
+        fast = self.measured.instrument.fast_axis_deg
+        return (0, 1) if fast is None else (int(abs(np.cos(np.deg2rad(fast))) < np.sqrt(0.5)),)
+
     def on_map(self, values: np.ndarray) -> np.ndarray:
         """Return values at the used points as a map, 0 elsewhere, shape (..., rows, cols)."""
         maps = np.zeros((*values.shape[:-1], *self.used.shape))
@@ -157,7 +163,8 @@ def coarser(recording: Recording, factor: int) -> Recording:
         return HeightMap(values, grid.dx_um * factor, grid.dy_um * factor, recording.measured.height_reference)
 
     target = replace(on_grid(_blocks(recording.target.heights_um, factor)), height_reference="substrate")
-    return Recording(recording.name, target, on_grid(measured), used, recording.nuisances)
+    shown = replace(on_grid(measured), instrument=recording.measured.instrument)
+    return Recording(recording.name, target, shown, used, recording.nuisances)
 
 
 def _blocks(values: np.ndarray, factor: int) -> np.ndarray:

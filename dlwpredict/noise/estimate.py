@@ -4,7 +4,7 @@ What a recording differs from its prediction by is noise and model error. Model 
 that is smooth in the coordinates that physics acts in is fitted along, and the likelihood of what it cannot follow is
 maximised over nugget, σ and length. "Restricted" counts what the free form has taken from the noise too; without that
 the length comes out short, and just that makes false alarms. Where noise grows on slopes, values are divided by how
-much it does; where whole rows or columns have offsets of their own, the rest is estimated beside their means.
+much it does; where whole rows or columns have offsets or tilts of their own, the rest is estimated beside them.
 
 Points are looked at given their neighbours, many models at once: where most points have the same neighbours, a model
 costs little more than one product of the whitened design with itself.
@@ -19,13 +19,16 @@ import numpy as np
 from scipy import ndimage, sparse, special
 
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.unevenness import Evened, Seen, Uneven, Unevenness, orthonormal
+from dlwpredict.noise.lines import Lines
+from dlwpredict.noise.unevenness import OFFSET, TILT, Evened, Ground, Seen, Uneven, Unevenness, orthonormal
 from dlwpredict.noise.whitening import Neighbourhood, lines
 
 DISCREPANCY_UM = 0.0015
 """Numerical difference between two honest computations of the same physics; no noise is taken to be smaller."""
 
 Kinds = tuple[Sequence[float], Sequence[float]]
+
+FLAT = Ground()
 
 SMOOTHNESSES = (0.5, 1.5, np.inf)
 """Kinds of correlation that are tried: a rough one, Matérn's, a Gaussian. Taken for Matérn's, noise that an instrument
@@ -102,7 +105,7 @@ class NoiseEstimate:
     source : str
         What it was estimated from: "repeats" or "residual".
     columns : Unevenness
-        Offsets of whole columns.
+        How sure offsets of whole columns are.
     """
 
     model: Uneven
@@ -124,7 +127,7 @@ def estimate(
     smooth: np.ndarray,
     kinds: Kinds = (SMOOTHNESSES, GRAINS_PX),
     *,
-    slope: np.ndarray | float = 0.0,
+    ground: Ground = FLAT,
     source: str = "residual",
     seed: int = 0,
 ) -> NoiseEstimate:
@@ -144,8 +147,7 @@ def estimate(
         What may be in the values besides noise.
     kinds : two sequences of float
         Smoothnesses of the correlation that are tried, and grains of the white part in pixels, in ascending order.
-    slope : numpy.ndarray, shape (rows, cols), or 0
-        |∇f| of the surface.
+    ground : Ground
     source : str
     seed : int
         Of the choice of points, and of the drawn noise.
@@ -153,7 +155,8 @@ def estimate(
     draw = np.random.default_rng(seed)
     every = Neighbourhood.of(used, *pitch_um, near_px=NEAR_PX, far_px=FAR_PX)
     y, design = values_um[used], smooth[:, used].T
-    even = Evened(y, design, (lines(used, 0), lines(used, 1)), np.broadcast_to(slope, used.shape)[used])
+    members = {(axis, order): lines(used, axis, order) for axis in ground.axes for order in (OFFSET, TILT)}
+    even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used])
     some = _some(every.own, SEARCHED_POINTS, draw)
     start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
     seen, model, place = _searched(even, every, some, start, *kinds)
@@ -167,9 +170,10 @@ def estimate(
     places, centre = _repeated(likelihood, used, even, model, place[:2], draw)
     place = places[0] - np.clip(places[1:].mean(axis=0) - centre, -1, 1)
     model = _floored(_at(model, place))
-    rows, columns = even.offsets(every.whitener(model))
-    uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows.found, columns.found)
-    return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, columns)
+    near, none = every.whitener(model), (Lines(), Unevenness(0.0, 0.0))
+    (rows, _), (columns, surely) = (even.found(near, axis) if axis in ground.axes else none for axis in (0, 1))
+    uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows, columns)
+    return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely)
 
 
 def _searched(
@@ -191,11 +195,13 @@ def _searched(
 
 
 def _more_even(seen: Seen) -> Evened:
-    """Look beside the means of rows or columns, whichever are more surely uneven; where none are, on slopes."""
+    """Look beside the means of rows or columns, then their tilts, whichever are more surely uneven; then on slopes."""
     even = seen.even
-    lines_found = {axis: seen.offsets(axis) for axis in (0, 1) if axis not in even.axes}
+    left = [way for way in even.members if way not in even.ways]
+    open_ways = [(axis, order) for axis, order in left if order == OFFSET or (axis, OFFSET) in even.ways]
+    lines_found = {way: seen.lines(way) for way in open_ways}
     if any(one.found for one in lines_found.values()):
-        return replace(even, axes=(*even.axes, max(lines_found, key=lambda axis: lines_found[axis].gain)))
+        return replace(even, ways=(*even.ways, max(lines_found, key=lambda way: lines_found[way].gain)))
     growths = {power: seen.jitter(power) for power in POWERS} if not even.growth else {}
     if any(one.found for one in growths.values()):
         power = max(growths, key=lambda one: growths[one].gain)

@@ -1,4 +1,4 @@
-"""Noise that is not the same everywhere on a map: more on slopes, and with offsets of whole rows and columns.
+"""Noise that is not the same everywhere on a map: more on slopes, and with offsets and tilts of whole rows and columns.
 
 Offsets of a tenth of the noise of one point are still what the mean of a long row consists of, and noise that is twice
 as strong on slopes is what stands out there; free forms, ripples and names then find structure where there is none.
@@ -6,16 +6,20 @@ as strong on slopes is what stands out there; free forms, ripples and names then
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize, sparse, special
 
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.lines import LEVEL, Lines, likeliest
 
-LEVEL = 0.01
-"""Probability that even noise is called uneven, each way of being so."""
+OFFSET, TILT = 0, 1
+"""What is constant along a line, and what is odd: powers of the place on it."""
+
+Way = tuple[int, int]
+"""One way of being uneven by lines: of rows (0) or of columns (1), and `OFFSET` or `TILT`."""
 
 OUTLYING = 4.0
 """Whitened values are clipped here, so that no spike passes for what it lies on."""
@@ -27,13 +31,29 @@ OFFSETS_UM = 1e-5, 10.0
 """Standard deviation of offsets that is looked for, µm."""
 
 
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What the noise of a map may hang on.
+
+    Parameters
+    ----------
+    slope : numpy.ndarray, shape (rows, cols), or 0
+        |∇f| of the surface.
+    axes : tuple of int
+        Whether lines of the scan may be rows (0), or columns (1).
+    """
+
+    slope: np.ndarray | float = 0.0
+    axes: tuple[int, ...] = (0, 1)
+
+
 @dataclass(frozen=True)
 class Uneven:
-    """Noise that is not the same everywhere: more on slopes, and with offsets of whole rows and columns.
+    """Noise that is not the same everywhere: more on slopes, and with offsets and tilts of whole rows and columns.
 
     ε(x, y)·(1 + (jitter·|∇f|/σ)^p)^(1/p) + u(y) + v(x): a lateral jitter becomes height where the surface f is steep
     (in quadrature, p = 2, where it is independent of ε), and scanning instruments give every line that they scan an
-    offset of its own.
+    offset and a tilt of its own. A scan that is turned by more than a line's width against the map has none of these.
 
     Parameters
     ----------
@@ -43,8 +63,7 @@ class Uneven:
         Standard deviation of the lateral jitter, µm.
     power : float
         p.
-    row_um, column_um : float
-        Standard deviations of the offsets, µm.
+    rows, columns : Lines
 
     Examples
     --------
@@ -55,13 +74,29 @@ class Uneven:
     even: Noise
     jitter_um: float = 0.0
     power: float = 2.0
-    row_um: float = 0.0
-    column_um: float = 0.0
+    rows: Lines = field(default_factory=Lines)
+    columns: Lines = field(default_factory=Lines)
 
     @property
     def sigma_um(self) -> float:
-        """Standard deviation of one pixel on flat ground, µm."""
+        """Standard deviation of one pixel on flat ground, on the middle of its lines, µm."""
         return float(np.sqrt(self.even.sigma_um**2 + self.row_um**2 + self.column_um**2))
+
+    @property
+    def row_um(self) -> float:
+        """Standard deviation of the offsets of rows, µm."""
+        return self.rows.offset_um
+
+    @property
+    def column_um(self) -> float:
+        """Standard deviation of the offsets of columns, µm."""
+        return self.columns.offset_um
+
+    @property
+    def ways(self) -> tuple[bool, ...]:
+        """In which ways it is uneven."""
+        lines = (size > 0 for one in (self.rows, self.columns) for size in (one.red_um, one.hum_um, one.tilt_um))
+        return (self.jitter_um > 0, self.row_um > 0, self.column_um > 0, *lines)
 
     def scale(self, slope: np.ndarray | float) -> np.ndarray:
         """Return how many times stronger ε is on a slope |∇f| than on flat ground."""
@@ -79,9 +114,9 @@ class Uneven:
         if self.jitter_um:
             drawn *= self.scale(slope)
         if self.row_um:
-            drawn += self.row_um * rng.standard_normal((count, shape[0], 1))
+            drawn += self.rows.simulate(*shape, rng, count)
         if self.column_um:
-            drawn += self.column_um * rng.standard_normal((count, 1, shape[1]))
+            drawn += self.columns.simulate(*shape[::-1], rng, count).swapaxes(1, 2)
         return drawn
 
 
@@ -129,24 +164,24 @@ class Evened:
     values_um : numpy.ndarray, shape (points,)
     design : numpy.ndarray, shape (points, columns)
         What may be in the values besides noise.
-    members : tuple of scipy.sparse.csr_array, shape (points, lines)
-        Which points lie on which row, and on which column.
+    members : mapping of Way to scipy.sparse.csr_array, shape (points, lines)
+        What lies on which row, and on which column: 1, and the place from −1 to 1 along it.
     steep : numpy.ndarray, shape (points,)
         |∇f|.
     growth, power : float
         k and p of s = (1 + (k·|∇f|)^p)^(1/p), how many times stronger the noise is than on flat ground: everything is
         divided by it.
-    axes : tuple of int
-        0 or 1: rows or columns beside whose means everything is looked at.
+    ways : tuple of Way
+        Means or tilts of rows or columns beside which everything is looked at.
     """
 
     values_um: np.ndarray
     design: np.ndarray
-    members: tuple[sparse.csr_array, sparse.csr_array]
+    members: Mapping[Way, sparse.csr_array]
     steep: np.ndarray
     growth: float = 0.0
     power: float = 2.0
-    axes: tuple[int, ...] = ()
+    ways: tuple[Way, ...] = ()
 
     @property
     def scale(self) -> np.ndarray:
@@ -160,16 +195,16 @@ class Evened:
         return self.beside_lines(values)
 
     def beside_lines(self, values: np.ndarray) -> np.ndarray:
-        """Return values (points, columns), divided already, without what is constant along the uneven lines."""
-        for axis in self.axes * len(self.axes):
-            lines = self.lines(axis)
+        """Return values (points, columns), divided already, without what the uneven lines may have of them."""
+        for way in self.ways * len(self.ways):
+            lines = self.lines(way)
             sizes = np.maximum(lines.power(2).sum(axis=0), 1e-300)
             values = values - lines @ ((lines.T @ values) / np.reshape(sizes, (-1, 1)))
         return values
 
-    def lines(self, axis: int) -> sparse.csr_array:
-        """Return an offset of each row (axis 0) or column (axis 1), made even, shape (points, lines)."""
-        return sparse.csr_array(sparse.diags_array(1 / self.scale) @ self.members[axis])
+    def lines(self, way: Way) -> sparse.csr_array:
+        """Return an offset or a tilt of each row or column, made even, shape (points, lines)."""
+        return sparse.csr_array(sparse.diags_array(1 / self.scale) @ self.members[way])
 
     def seen(self, near: sparse.csr_array) -> Seen:
         """Return what is left to see where the noise is whitened by a matrix (points, points)."""
@@ -177,11 +212,18 @@ class Evened:
         basis, turn = orthonormal(near @ design)
         return Seen(self, near, values - design @ (turn @ (basis.T @ (near @ values))), basis)
 
-    def offsets(self, near: sparse.csr_array) -> tuple[Unevenness, Unevenness]:
-        """Estimate the offsets of rows and of columns, each beside the means of the other only."""
-        free = {axis: tuple(other for other in self.axes if other != axis) for axis in (0, 1)}
-        views = {axes: replace(self, axes=axes).seen(near) for axes in set(free.values())}
-        return views[free[0]].offsets(0), views[free[1]].offsets(1)
+    def found(self, near: sparse.csr_array, axis: int) -> tuple[Lines, Unevenness]:
+        """Estimate the offsets and tilts of rows or columns, and how sure they are, beside all other ways."""
+        own = {way: tuple(other for other in self.ways if other != way) for way in ((axis, OFFSET), (axis, TILT))}
+        offsets = replace(self, ways=own[axis, OFFSET]).seen(near)
+        independent = offsets.lines((axis, OFFSET))
+        if not independent.found:
+            return Lines(), independent
+        process = likeliest(*offsets.products((axis, OFFSET)), independent.found)
+        if (axis, TILT) in self.ways:
+            tilts = replace(self, ways=own[axis, TILT]).seen(near).lines((axis, TILT))
+            process = replace(process, tilt_um=tilts.found)
+        return process, independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,18 +246,16 @@ class Seen:
     left: np.ndarray
     basis: np.ndarray
 
-    def offsets(self, axis: int) -> Unevenness:
-        """Estimate the offsets of rows (axis 0) or columns (axis 1), µm, by restricted maximum likelihood.
+    def lines(self, way: Way) -> Unevenness:
+        """Estimate offsets or tilts of rows or columns, independent of one another, by restricted maximum likelihood.
 
         With whitened values w and lines A, both beside the design, and G = AᵀA = Σ g_i v_i v_iᵀ, c = VᵀAᵀw:
         2 ln L(σ) − 2 ln L(0) = Σ σ² c_i²/(1 + σ² g_i) − ln(1 + σ² g_i).
         """
-        white = np.clip(self.near @ self.left, -OUTLYING, OUTLYING)
-        along = self.near @ self.even.lines(axis)
-        shared = along.T @ self.basis
-        energies, vectors = np.linalg.eigh((along.T @ along).toarray() - shared @ shared.T)
+        matrix, along = self.products(way)
+        energies, vectors = np.linalg.eigh(matrix)
         known = energies > 1e-9 * energies[-1]
-        squares = (vectors[:, known].T @ (along.T @ white - shared @ (self.basis.T @ white))) ** 2
+        squares = (vectors[:, known].T @ along) ** 2
 
         def gain(log_size: float) -> float:
             variance = np.exp(2 * log_size)
@@ -223,6 +263,13 @@ class Seen:
             return float(np.sum(variance * squares / grown - np.log(grown)))
 
         return _likeliest(gain, OFFSETS_UM)
+
+    def products(self, way: Way) -> tuple[np.ndarray, np.ndarray]:
+        """Return AᵀA (lines, lines) and Aᵀw (lines,) of whitened lines and values, beside the design."""
+        white = np.clip(self.near @ self.left, -OUTLYING, OUTLYING)
+        along = self.near @ self.even.lines(way)
+        shared = along.T @ self.basis
+        return (along.T @ along).toarray() - shared @ shared.T, along.T @ white - shared @ (self.basis.T @ white)
 
     def jitter(self, power: float) -> Unevenness:
         """Estimate how noise grows on slopes, in standard deviations of the noise on flat ground.

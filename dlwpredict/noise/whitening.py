@@ -5,9 +5,9 @@ mean b·ε_n with b = C_nn⁻¹ c_in and variance v = C_ii − c_in·b. The rows
 variance 1. They form a sparse matrix W with WᵀW ≈ C⁻¹ on the measured points alone: nothing is filled in, and no border
 is wrapped round.
 
-Where noise is stronger on slopes, values are divided by how much so before. Offsets R·u of whole rows and columns reach
-too far for neighbours. They are added in closed form: with A = W·R, (I + A·Aᵀ)^(−1/2)·W whitens C + R·Rᵀ, and the
-symmetric root differs from I on the few columns of A alone.
+Where noise is stronger on slopes, values are divided by how much so before. Offsets and tilts R·u of whole rows and
+columns reach too far for neighbours. They are added in closed form: with A = W·R and u of covariance L·Lᵀ,
+(I + A·L·Lᵀ·Aᵀ)^(−1/2)·W whitens C + R·L·Lᵀ·Rᵀ, and the symmetric root differs from I on the few columns of A alone.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.noise.lines import Lines  # noqa: F401  (the doctest's)
+from dlwpredict.noise.unevenness import OFFSET, TILT, Uneven
 
 NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
 """Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones: at most 64
@@ -135,10 +136,14 @@ class Neighbourhood:
         return sparse.csr_array((entries[place][filled], columns, ends), shape=(len(place), len(place)))
 
 
-def lines(used: np.ndarray, axis: int) -> sparse.csr_array:
-    """Return which row (axis 0) or column (axis 1) of a map a measured point lies on, shape (points, lines)."""
-    place = np.nonzero(used)[axis]
-    return sparse.csr_array((np.ones(len(place)), (np.arange(len(place)), place)), shape=(len(place), used.shape[axis]))
+def lines(used: np.ndarray, axis: int, order: int = OFFSET) -> sparse.csr_array:
+    """Return what each row (axis 0) or column (axis 1) of a map has at its measured points, shape (points, lines).
+
+    1 for an offset; the place along the line, from −1 to 1 over the map, for a tilt.
+    """
+    place, other = np.nonzero(used)[axis], np.nonzero(used)[1 - axis]
+    values = np.linspace(-1, 1, used.shape[1 - axis])[other] ** order
+    return sparse.csr_array((values, (np.arange(len(place)), place)), shape=(len(place), used.shape[axis]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,13 +155,13 @@ class Whitener:
     near : scipy.sparse.csr_array, shape (points, points)
         W, of the noise without offsets of lines.
     offsets : scipy.sparse.csr_array, shape (points, lines)
-        A = W·R, the whitened offsets of rows and columns, one standard deviation each.
+        A = W·R, the whitened offsets and tilts of rows and columns.
     shrink, grow : numpy.ndarray, shape (lines, lines)
-        (I + A·Aᵀ)^(−1/2) = I − A·shrink·Aᵀ, and its inverse I + A·grow·Aᵀ.
+        (I + A·L·Lᵀ·Aᵀ)^(−1/2) = I − A·shrink·Aᵀ, and its inverse I + A·grow·Aᵀ.
 
     Examples
     --------
-    >>> noise = Uneven(Noise(1.0, 0.0, 1.0, 1.0, 1.0), row_um=2.0)
+    >>> noise = Uneven(Noise(1.0, 0.0, 1.0, 1.0, 1.0), rows=Lines(white_um=2.0))
     >>> whitener = Whitener.of(np.ones((3, 4), dtype=bool), noise)
     >>> round(float(np.linalg.norm(whitener @ np.ones(12))), 6)  # √12 / √(1 + 4·2²)
     0.840168
@@ -174,15 +179,21 @@ class Whitener:
         if noise.jitter_um:
             scale = np.broadcast_to(noise.scale(slope), used.shape)[used]
             near.data /= scale[near.indices]
-        sizes = [(axis, size) for axis, size in enumerate((noise.row_um, noise.column_um)) if size > 0]
-        if not sizes:
+        parts, roots = [], []
+        for axis, own in enumerate((noise.rows, noise.columns)):
+            for order, size in ((OFFSET, own.offset_um), (TILT, own.tilt_um)):
+                if size > 0:
+                    count = used.shape[axis]
+                    parts.append(lines(used, axis, order))
+                    roots.append(own.root(count) if order == OFFSET else size * np.eye(count))
+        if not parts:
             return cls(near, sparse.csr_array((near.shape[0], 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-        offsets = sparse.csr_array(near @ sparse.hstack([size * lines(used, axis) for axis, size in sizes]))
-        energies, turn = np.linalg.eigh((offsets.T @ offsets).toarray())
+        offsets, root = sparse.csr_array(near @ sparse.hstack(parts)), linalg.block_diag(*roots)
+        energies, turn = np.linalg.eigh(root.T @ (offsets.T @ offsets) @ root)
         real = energies > 1e-12 * energies[-1]
-        energies, turn = energies[real], turn[:, real]
-        root = np.sqrt(1 + energies)
-        shrink, grow = ((turn * (change / energies)) @ turn.T for change in (1 - 1 / root, root - 1))
+        energies, turn = energies[real], root @ turn[:, real]
+        grown = np.sqrt(1 + energies)
+        shrink, grow = ((turn * (change / energies)) @ turn.T for change in (1 - 1 / grown, grown - 1))
         return cls(near, offsets, shrink, grow)
 
     def __matmul__(self, values: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from dlwpredict.effects.base import Effect
 from dlwpredict.infer.free import Free, fittable
 from dlwpredict.infer.noises import scale_um
 from dlwpredict.infer.recording import Recording
+from dlwpredict.noise.lines import Lines
 
 FORMAT = "dlwpredict-diagnosis/1"
 
@@ -57,6 +58,8 @@ def content_of(found: Diagnosis, profiled: Ends | None = None) -> dict[str, Any]
                 "jitter_um": _short(n.model.jitter_um),
                 "row_um": _short(n.model.row_um),
                 "column_um": _short(n.model.column_um),
+                "rows": _lines(n.model.rows),
+                "columns": _lines(n.model.columns),
             }
             for n in found.noises
         ],
@@ -196,6 +199,15 @@ def not_testable(screen: Linearised, asked: Thresholds) -> set[str]:
 def _share(value: float) -> float:
     """Return a probability; what is nearly sure does not become certain by rounding."""
     return float(f"{value:.4g}") if value < 0.9999 else float(min(value, 1.0))
+
+
+def _lines(lines: Lines) -> dict[str, float]:
+    """Return the parts that the noise of lines has: offsets independent, drifting, swinging; tilts."""
+    parts = {"white_um": lines.white_um, "tilt_um": lines.tilt_um}
+    parts |= {"drift_um": lines.red_um, "drift_lines": lines.red_lines} if lines.red_um else {}
+    hum = {"hum_um": lines.hum_um, "hum_period_lines": lines.period_lines, "hum_lines": lines.hum_lines}
+    parts |= hum if lines.hum_um else {}
+    return {name: _short(size) for name, size in parts.items() if size}
 
 
 def _short(value: float | None) -> float | None:

@@ -1,0 +1,165 @@
+"""Noise of whole lines of a scan: every line that an instrument scans has an offset and a tilt of its own.
+
+From line to line the offsets are independent (white), drift (red), and swing with the mains or with a fan (hum). All of
+it is part of the covariance: flattening line by line would take the same share out of what the surface has along them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg, optimize, special
+
+LEVEL = 0.01
+"""Probability that even noise is called uneven, each way of being so."""
+
+RED_LINES = 1.0, 200.0
+"""Lines after which a drift is forgotten by 1/e, that are looked for."""
+
+HUM_PERIODS = 2.0, 40.0
+"""Periods of a hum, in lines, that are looked for."""
+
+HUM_LINES = 3.0, 300.0
+"""Lines after which a hum has lost its phase by 1/e, that are looked for."""
+
+SMALLEST = 1e-4
+"""Part of the variance of the offsets below which a part is none."""
+
+EVALUATIONS = 150
+"""Covariances that are tried at most, for each part that is added."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Offsets and tilts of lines, stationary from line to line.
+
+    cov(d) = w²·[d = 0] + r²·exp(−d/ℓ) + h²·exp(−d/ℓ_h)·cos(2πd/T) of offsets d lines apart (w white; r, ℓ drift, an
+    autoregressive process of first order; h, ℓ_h, T hum, a swing that is kicked at random); tilts are independent.
+
+    Parameters
+    ----------
+    white_um, red_um, hum_um : float
+        Standard deviations of the parts of the offsets, µm.
+    red_lines, hum_lines : float
+        ℓ and ℓ_h, lines.
+    period_lines : float
+        T, lines.
+    tilt_um : float
+        Standard deviation of the tilts: of the height at either end of a line, µm.
+
+    Examples
+    --------
+    >>> Lines(white_um=3.0, red_um=4.0).offset_um
+    5.0
+    >>> Lines(red_um=1.0, red_lines=2.0).covariance(3)[0].round(3).tolist()
+    [1.0, 0.607, 0.368]
+    """
+
+    white_um: float = 0.0
+    red_um: float = 0.0
+    red_lines: float = 1.0
+    hum_um: float = 0.0
+    hum_lines: float = 1.0
+    period_lines: float = 4.0
+    tilt_um: float = 0.0
+
+    @property
+    def offset_um(self) -> float:
+        """Standard deviation of an offset, µm."""
+        return float(np.sqrt(self.white_um**2 + self.red_um**2 + self.hum_um**2))
+
+    def covariance(self, count: int) -> np.ndarray:
+        """Return the covariance of the offsets of successive lines, µm², shape (count, count)."""
+        lag = np.arange(count)
+        swing = np.exp(-lag / self.hum_lines) * np.cos(2 * np.pi * lag / self.period_lines)
+        one = self.red_um**2 * np.exp(-lag / self.red_lines) + self.hum_um**2 * swing
+        one[0] += self.white_um**2
+        return linalg.toeplitz(one)
+
+    def root(self, count: int) -> np.ndarray:
+        """Return L with L·Lᵀ the covariance of the offsets, µm, shape (count, count)."""
+        matrix = self.covariance(count)
+        return np.linalg.cholesky(matrix + 1e-9 * max(matrix[0, 0], 1e-300) * np.eye(count))
+
+    def simulate(self, count: int, length: int, rng: np.random.Generator, draws: int) -> np.ndarray:
+        """Draw offsets and tilts of lines of so many points, µm, shape (draws, count, length)."""
+        offsets = rng.standard_normal((draws, count)) @ self.root(count).T
+        tilts = self.tilt_um * rng.standard_normal((draws, count))
+        return offsets[:, :, None] + tilts[:, :, None] * np.linspace(-1, 1, length)
+
+
+def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float) -> Lines:
+    """Return the most likely process of offsets that are known to be there: drift and hum where more than chance.
+
+    With G = AᵀA and c = Aᵀw of whitened values w and lines A, both beside all else, and K the covariance:
+    2 ln L(K) − 2 ln L(0) = cᵀ·(K⁻¹ + G)⁻¹·c − ln det(I + K·G).
+
+    Parameters
+    ----------
+    energies : numpy.ndarray, shape (lines, lines)
+        G, 1/µm².
+    along : numpy.ndarray, shape (lines,)
+        c, 1/µm.
+    white_um : float
+        The most likely standard deviation of independent offsets.
+    """
+    known = Lines(white_um)
+    gain = _gain(known, energies, along)
+    half = white_um / np.sqrt(2)
+    found, better = _climbed(replace(known, white_um=half, red_um=half, red_lines=4.0), energies, along)
+    if found.red_um**2 > SMALLEST * found.offset_um**2 and special.chdtrc(2, max(better - gain, 0.0)) < LEVEL:
+        known, gain = found, better
+    period, trials = _strongest_period(known, energies, along)
+    share = known.offset_um / 2
+    found, better = _climbed(replace(known, hum_um=share, hum_lines=15.0, period_lines=period), energies, along)
+    chance = min(trials * float(special.chdtrc(3, max(better - gain, 0.0))), 1.0)
+    if found.hum_um**2 > SMALLEST * found.offset_um**2 and chance < LEVEL:
+        known = found
+    return known
+
+
+def _gain(lines: Lines, energies: np.ndarray, along: np.ndarray) -> float:
+    """Return 2 ln L above that of no offsets."""
+    root = lines.root(len(along))
+    triangle = np.linalg.cholesky(np.eye(len(along)) + root.T @ energies @ root)
+    seen = linalg.solve_triangular(triangle, root.T @ along, lower=True)
+    return float(seen @ seen - 2 * np.log(np.diag(triangle)).sum())
+
+
+def _climbed(start: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[Lines, float]:
+    """Return the most likely process with the parts that a start has, and its gain."""
+    parts = ["white_um", *(["red_um", "red_lines"] if start.red_um else [])]
+    parts += ["hum_um", "hum_lines", "period_lines"] if start.hum_um else []
+    size = start.offset_um
+    ends = {"red_lines": RED_LINES, "hum_lines": HUM_LINES, "period_lines": HUM_PERIODS}
+    bounds = np.log([ends.get(name, (1e-3 * size, 10 * size)) for name in parts])
+    steps = np.array([{"period_lines": 0.02}.get(name, 0.4) for name in parts])
+    begun = np.clip(np.log([max(getattr(start, name), 1e-300) for name in parts]), bounds[:, 0], bounds[:, 1])
+
+    def at(place: np.ndarray) -> Lines:
+        values = np.exp(np.clip(place, bounds[:, 0], bounds[:, 1]))
+        return replace(start, **dict(zip(parts, map(float, values), strict=True)))
+
+    simplex = np.vstack([begun, begun + np.diag(steps)])
+    options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 0.02, "fatol": 0.1}
+    found = optimize.minimize(lambda x: -_gain(at(x), energies, along), begun, method="Nelder-Mead", options=options)
+    return at(found.x), float(-found.fun)
+
+
+def _strongest_period(lines: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[float, float]:
+    """Return the period whose swing stands out most beside a process, and how many independent ones there are."""
+    count = len(along)
+    root = lines.root(count)
+    triangle = np.linalg.cholesky(np.eye(count) + root.T @ energies @ root)
+    shrunk = linalg.solve_triangular(triangle, root.T, lower=True)
+    inner = energies @ shrunk.T
+    left, precision = along - inner @ (shrunk @ along), energies - inner @ inner.T
+    periods = 1 / np.linspace(1 / HUM_PERIODS[1], 1 / HUM_PERIODS[0], 2 * count)
+    gains = []
+    for period in periods:
+        phase = 2 * np.pi * np.arange(count) / period
+        waves = np.column_stack([np.cos(phase), np.sin(phase)])
+        seen = waves.T @ left
+        gains.append(seen @ np.linalg.pinv(waves.T @ precision @ waves, hermitian=True) @ seen)
+    return float(periods[int(np.argmax(gains))]), count / 2
