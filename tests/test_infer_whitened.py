@@ -124,7 +124,7 @@ def test_a_plane_is_an_offset_and_a_tilt_along_either_side():
 
 @pytest.mark.parametrize("louder", [1.0, 2.0])
 def test_a_parameter_is_as_uncertain_as_noise_numerics_and_priors_make_it(louder):
-    """The mean of 144 heights with white noise of 5 nm, that may be louder: 5/12 nm times that, and 0.2 nm of numerics.
+    """The mean of 144 heights with white noise of 5 nm, that may be louder: 5/12 nm times that, and 0.4 nm of numerics.
 
     Another parameter that a prior alone tells, and one that nothing tells.
     """
@@ -136,10 +136,10 @@ def test_a_parameter_is_as_uncertain_as_noise_numerics_and_priors_make_it(louder
     item = SimpleNamespace(recording=SimpleNamespace(points=144, used=used), whitener=whitener)
     estimators = np.column_stack([mean, prior, 0 * mean])
     fitted = SimpleNamespace(estimators=estimators, data=[item], rows=rows, residual=np.zeros(147))
-    expected = [np.hypot(louder * 0.005 / 12, 0.0002), 0.4, np.inf]
+    expected = [np.hypot(louder * 0.005 / 12, 0.0004), 0.4, np.inf]
     assert deviations(fitted, Null(draws)) == pytest.approx(expected, rel=0.03)
     unit = np.column_stack([mean / np.linalg.norm(mean), 0 * mean])
-    assert Null(draws).spread(fitted, unit) == pytest.approx([np.hypot(louder, 0.2 * 12 / 5), 0.0], rel=0.03)
+    assert Null(draws).spread(fitted, unit) == pytest.approx([np.hypot(louder, 0.4 * 12 / 5), 0.0], rel=0.03)
 
 
 def test_derivatives_are_those_of_what_registration_shows():
