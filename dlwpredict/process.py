@@ -16,6 +16,12 @@ from dlwpredict.model.steps import CrossLinking, Exposure, PixelMean, Shrinkage,
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
 
+TALLEST_UM = 1e4
+"""Highest structure that is taken for one: a centimetre. Beyond it a unit is wrong."""
+
+WIDEST_FOCUS_PX = 1000
+"""Pixels that a focus may reach over to either side. Beyond it a unit is wrong."""
+
 
 @dataclass(frozen=True)
 class FieldOfView:
@@ -116,7 +122,7 @@ def check_target(target: HeightMap) -> None:
     Raises
     ------
     InputError
-        NaN, negative heights, or nothing written.
+        NaN, negative heights, heights beyond all structures, or nothing written.
     """
     heights = target.heights_um
     if np.isnan(heights).any():
@@ -129,9 +135,27 @@ def check_target(target: HeightMap) -> None:
         raise InputError(f"lowest height {heights.min():.4g} µm", key="heights", allowed="a target must be at least 0")
     if heights.max() == 0:
         raise InputError("nothing written, every height is 0", key="heights", allowed="some height above 0")
+    if heights.max() > TALLEST_UM:
+        raise InputError(
+            f"highest height {heights.max():.4g} µm",
+            key="heights",
+            allowed=f"a target of at most {TALLEST_UM:g} µm; is the unit right (--z-scale)?",
+        )
 
 
 def room_px(target: HeightMap, parameters: ParameterSet) -> tuple[int, int]:
-    """Return the rows and columns of empty resin to add on each side, so that exposure beyond the map is kept."""
+    """Return the rows and columns of empty resin to add on each side, so that exposure beyond the map is kept.
+
+    Raises
+    ------
+    InputError
+        The pitch is far too fine for this focus.
+    """
     reach = REACH_SIGMAS * parameters.paper.exposure_fwhm_xy_um / FWHM_PER_SIGMA
+    if min(target.dx_um, target.dy_um) < reach / WIDEST_FOCUS_PX:
+        raise InputError(
+            f"found {min(target.dx_um, target.dy_um):.4g} µm",
+            key="pitch",
+            allowed=f"at least {reach / WIDEST_FOCUS_PX:.4g} µm for this focus; is the unit right (--pitch-um)?",
+        )
     return tuple(int(np.ceil(reach / pitch)) + 1 for pitch in (target.dy_um, target.dx_um))

@@ -7,6 +7,7 @@ import pytest
 
 from dlwpredict.errors import InputError
 from tests.fuzz.__main__ import fuzzed, trapped
+from tests.fuzz.doors import doors
 from tests.fuzz.readers import Reader, readers
 from tests.fuzz.traps import HEAVY, TRAPS
 from tests.fuzz.watch import watched
@@ -19,6 +20,12 @@ def test_damaged_files(name):
     found = fuzzed(READERS[name], 500, seed=8)
     assert found["faults"] == []
     assert sum(found["ends"].values()) == 500
+
+
+@pytest.mark.parametrize("door", doors(), ids=lambda door: door.name)
+def test_damaged_files_at_every_door(door):
+    found = fuzzed(door, 20, seed=8)
+    assert found["faults"] == []
 
 
 @pytest.mark.parametrize("name", READERS)

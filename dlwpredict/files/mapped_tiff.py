@@ -54,13 +54,14 @@ def mapped(path: Path) -> Mapped | None:
             plain = page.is_memmappable and page.dtype.kind == "f" and len(file.series[0].shape) == 2
             upright = page.tags.valueof("Orientation", 1) == 1
             description = page.description
+        heights = tifffile.memmap(path, mode="r") if alone and plain and upright else None
     except Exception:  # tifffile meets broken files with errors of every kind; the usual reader says which
         return None
     with blaming(path):
         facts = stored_facts(parse_lines(description))
-    if not (alone and plain and upright and "pitch_um" in facts and facts.get("z_unit", "um") == "um"):
+    if heights is None or "pitch_um" not in facts or facts.get("z_unit", "um") != "um":
         return None
-    return Mapped(tifffile.memmap(path, mode="r"), *facts["pitch_um"])
+    return Mapped(heights, *facts["pitch_um"])
 
 
 @contextmanager

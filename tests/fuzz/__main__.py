@@ -1,4 +1,4 @@
-"""Fuzz every reader and print a table; exit code 1 if there is any fault."""
+"""Fuzz every reader and every command's door, and print a table; exit code 1 if there is any fault."""
 
 import argparse
 import re
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dlwpredict.errors import InputError
 from tests.fuzz.damage import damaged
+from tests.fuzz.doors import doors
 from tests.fuzz.readers import Reader, readers
 from tests.fuzz.traps import TRAPS
 from tests.fuzz.watch import watched
@@ -45,16 +46,17 @@ def trapped(name: str) -> dict:
 
 def main() -> int:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--inputs", type=int, default=10_000, help="files per reader")
+    parser.add_argument("--inputs", type=int, default=10_000, help="files per reader; a tenth per door")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", help="only readers whose name contains this")
     asked = parser.parse_args()
     faults = 0
     print(f"{'reader':24}{'inputs':>8}{'read':>8}{'refused':>9}{'faults':>8}{'slowest':>10}{'memory':>9}")
-    for reader in readers():
+    counts = [(reader, asked.inputs) for reader in readers()] + [(door, max(asked.inputs // 10, 1)) for door in doors()]
+    for reader, count in counts:
         if asked.reader and asked.reader not in reader.name:
             continue
-        found = fuzzed(reader, asked.inputs, asked.seed)
+        found = fuzzed(reader, count, asked.seed)
         ends = found["ends"]
         faults += ends.get("fault", 0)
         print(

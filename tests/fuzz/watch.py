@@ -133,6 +133,13 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (taken + BYTES, taken + BYTES))
 
 
+def _where(event: str, arguments: tuple) -> str:
+    """Return the path that an event of the system is about; a folder that is cleared names it by a descriptor."""
+    path = str(arguments[0]) if arguments else ""
+    held = arguments[1] if event in ("os.remove", "os.rmdir") else -1
+    return str(Path(f"/proc/self/fd/{held}").readlink() / path) if held >= 0 else path
+
+
 def _listening(folder: Path) -> list[str]:
     """Return a list that fills with everything done beyond reading the one file and the program's own code."""
     touched: list[str] = []
@@ -146,7 +153,7 @@ def _listening(folder: Path) -> list[str]:
             harmless = text == os.devnull or (not written and text.startswith((*_CODE, "/proc", "/sys", "/etc")))
             if not harmless and not text.startswith(own):
                 touched.append(f"open {text!r} {flags}") if text else None
-        elif _FORBIDDEN.match(event) and not any(str(a).startswith(own) for a in arguments[:1]):
+        elif _FORBIDDEN.match(event) and not _where(event, arguments).startswith(own):
             touched.append(f"{event} {arguments!r}"[:200])
 
     sys.addaudithook(hook)
