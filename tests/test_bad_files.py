@@ -1,6 +1,8 @@
 """Bad input: one line that names file, key and what is allowed; exit code 1; nothing left behind."""
 
 import gzip
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -153,3 +155,16 @@ def test_a_format_is_registered_once():
     names = [this.name for this in formats().values()]
     assert len(set(names)) == 11
     assert {".tif", ".npy", ".csv", ".txt.gz", ".png", ".stl", ".gsf"} <= formats().keys()
+
+
+@pytest.mark.parametrize("kept", [0.5, 0.999])
+def test_a_cut_tiff_is_refused_in_one_line_by_a_program_of_its_own(tmp_path, kept):
+    """In a process that has read nothing yet: the library's own words must not reach the user either."""
+    path = tmp_path / "cut.tif"
+    write_height_map(path, HeightMap(np.ones((90, 90)), 0.5, 0.5))
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    program = "from dlwpredict.cli import main; main()"
+    command = [sys.executable, "-c", program, "predict", str(path), "-o", str(tmp_path / "out.tif")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1 and not (tmp_path / "out.tif").exists()
+    assert ended.stderr.startswith(f"error: {path}: file: not a readable TIFF") and ended.stderr.count("\n") == 1

@@ -6,7 +6,6 @@ the mask of filled points, so that every other program still sees one plain pict
 
 from __future__ import annotations
 
-import logging
 import os
 import zlib
 from collections.abc import Iterator
@@ -25,8 +24,6 @@ FILLED_TAG = 65001  # private: zlib-packed bits, row by row
 _PITCH_UM = (1e-9, 1e9)  # what fits the ratio of two 32-bit numbers
 _BYTES = 7  # TIFF type UNDEFINED
 _UM_PER_RESOLUTION_UNIT = {2: 25400.0, 3: 10000.0}  # inch, cm
-
-logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)  # its errors reach the user as ours
 
 
 def read_tiff(path: Path, pitch_um: Pair | None) -> Stored:
