@@ -16,6 +16,10 @@ INSTRUMENTS = ("confocal", "wli", "afm", "unknown")
 """Confocal microscope, white-light interferometer, atomic force microscope."""
 
 
+TALLEST_UM = 1e4
+"""Highest structure that is taken for one, µm: a centimetre. Beyond it a unit is wrong."""
+
+
 @dataclass(frozen=True)
 class Instrument:
     """What has recorded a map, and in which direction it scans its lines.

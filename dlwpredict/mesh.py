@@ -20,7 +20,7 @@ import numpy as np
 
 from dlwpredict.bisection import triangles
 from dlwpredict.errors import InputError
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import TALLEST_UM, HeightMap
 from dlwpredict.rasterise import seen_from_above
 
 NOTHING_UM = 1e-3  # heights below 1 nm count as nothing written
@@ -112,6 +112,10 @@ def _checked(height_map: HeightMap, base_um: float, min_thickness_um: float) -> 
             f"{int((heights < 0).sum())} negative heights, lowest {heights.min():.4g} µm",
             key="heights",
             allowed="allowed: 0 (nothing written) and above",
+        )
+    if heights.max() > TALLEST_UM:
+        raise InputError(
+            f"highest height {heights.max():.4g} µm", key="heights", allowed=f"allowed up to {TALLEST_UM:g} µm"
         )
     if not 0.001 <= min_thickness_um <= 1000:
         raise InputError(f"found {min_thickness_um:g}", key="--min-thickness-um", allowed="allowed 0.001 to 1000 µm")

@@ -9,15 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import TALLEST_UM, HeightMap
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import SQUARE_PX, STAGES, Numerics
 from dlwpredict.model.steps import CrossLinking, Exposure, PixelMean, Shrinkage, Slicing, Threshold
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
-
-TALLEST_UM = 1e4
-"""Highest structure that is taken for one: a centimetre. Beyond it a unit is wrong."""
 
 WIDEST_FOCUS_PX = 1000
 """Pixels that a focus may reach over to either side. Beyond it a unit is wrong."""

@@ -204,6 +204,12 @@ class TestSearch:
         assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}
         assert search({CURL: 40.0}, curl=1.9).best() == frozenset()
 
+    def test_a_form_error_is_no_noise_and_does_not_grow_with_what_scatters(self):
+        """Beside 1000, of which 50 may be wrong, one that scatters twice as much must gain 4 · 7 + 50."""
+        for more, names in ((79.0, {"curl", "field-curvature"}), (77.0, {"curl"})):
+            found = search({CURL: 1000.0, FIELD: 10.0, CURL + FIELD: 1000.0 + more}, field_curvature=2.0)
+            assert found.best() == names
+
     def test_two_names_are_apart_by_noise_by_form_and_by_what_is_left(self):
         found = search({CURL: 100.0}, curl=2.0)
         assert found.width(0.0, "curl") == pytest.approx(4)

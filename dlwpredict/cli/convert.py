@@ -17,6 +17,7 @@ from dlwpredict.files.formats import format_of
 from dlwpredict.files.plausibility import plausibility, tilt_mrad
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.missing import fill_missing
+from dlwpredict.regrid import cropped, resampled, smoothed
 
 COMMAND = "convert"
 STREAMS = {"target": ".txt", "output": ".txt"}
@@ -30,6 +31,20 @@ def run(
     pitch_um: options.PitchUm = None,
     z_scale: options.ZScale = None,
     z_range: options.ZRange = None,
+    crop_um: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            "--crop", metavar="X0 X1 Y0 Y1", help="Keep this rectangle, µm from the centre of the map, y upwards."
+        ),
+    ] = None,
+    smooth_um: Annotated[
+        float | None,
+        typer.Option(help="Smooth by a Gaussian of this FWHM; what was not measured has no say.", **options.LENGTH),
+    ] = None,
+    resample_um: Annotated[
+        float | None,
+        typer.Option(help="Pitch of coarser square pixels, each the mean over its area.", **options.LENGTH),
+    ] = None,
     fill: options.Fill = None,
     channel: Annotated[
         str | None, typer.Option("--channel", metavar="TITLE|NUMBER", help="Which channel, if IN has several.")
@@ -40,6 +55,8 @@ def run(
     overwrite: options.Overwrite = False,
 ) -> None:
     """Convert a height map; the endings decide the formats. --z-range belongs to IN if that is a PNG, else to OUT.
+
+    It is cut first, then smoothed, then resampled.
 
     $ dlwpredict convert scan.txt scan.tif --pitch-um 0.1 --z-scale 1e6
     """
@@ -59,6 +76,16 @@ def run(
     say(f"{source}: {height_map.summary()}, tilt {tilt} mrad")
     for warning in plausibility(height_map):
         warn(f"{source}: {warning}")
+    before = height_map
+    with blaming(source):
+        if crop_um is not None:
+            height_map = cropped(height_map, crop_um[:2], crop_um[2:])
+        if smooth_um is not None:
+            height_map = smoothed(height_map, smooth_um)
+        if resample_um is not None:
+            height_map = resampled(height_map, resample_um)
+    if height_map is not before:
+        say(f"worked on: {height_map.summary()}")
     if fill is not None:
         height_map = fill_missing(height_map, fill)
     remarks = write_height_map(target, height_map, **knobs)

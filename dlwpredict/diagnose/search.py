@@ -93,14 +93,20 @@ class Search:
         The form of the strongest effect is trusted to a share of its energy. What it is wrong by is there for any
         further effect to explain, which must gain more than that.
         """
+        return self.asked.first + (effects - 1) * (self.asked.next + self.form_error) if effects else 0.0
+
+    @property
+    def form_error(self) -> float:
+        """2 ln L by which the form of the strongest effect may be wrong."""
         singles = [self.baseline.cost - fit.cost for names, fit in self.fitted.items() if len(names) == 1]
         strongest = max(singles, default=float(np.max(self.first.z**2, initial=0.0)))
-        more = self.asked.next + policy.FORM_ERROR * max(strongest, 0.0)
-        return self.asked.first + (effects - 1) * more if effects else 0.0
+        return policy.FORM_ERROR * max(strongest, 0.0)
 
     def needed(self, names: Names, name: str) -> float:
-        """Return what an effect of a set must gain beside the others, its own spread included."""
-        return (self.price(len(names)) - self.price(len(names) - 1)) * self.spread.get(name, 1.0) ** 2
+        """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors."""
+        alone = len(names) == 1
+        noise = self.asked.first if alone else self.asked.next
+        return noise * self.spread.get(name, 1.0) ** 2 + (0.0 if alone else self.form_error)
 
     def near(self) -> list[ParameterSet]:
         """Return where the best fit is, and those that come near it: another noise model might prefer them."""

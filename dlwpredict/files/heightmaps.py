@@ -13,6 +13,9 @@ from dlwpredict.files.formats import format_of
 from dlwpredict.files.provenance import note_input, note_map
 from dlwpredict.heightmap import HeightMap
 
+LARGEST_UM = 1e12
+"""Height beyond which numbers are none of a surface, in whatever unit: a thousand kilometres."""
+
 
 def read_height_map(
     path: Path | str,
@@ -53,8 +56,16 @@ def read_height_map(
         note_input(path)
         stored = chosen.read(path, pitch, channel) if chosen.channels else chosen.read(path, pitch)
         height_map = stored.height_map(pitch_um=pitch, z_scale=z_scale, z_range_um=z_range_um)
+        _check_sizes(height_map)
     note_map(path, height_map)
     return height_map
+
+
+def _check_sizes(height_map: HeightMap) -> None:
+    """Refuse heights that no surface has, whatever its unit was taken for."""
+    most = float(np.nanmax(np.abs(height_map.heights_um), initial=0.0))
+    if most > LARGEST_UM:
+        raise InputError(f"heights up to {most:.4g} µm", key="heights", allowed=f"up to {LARGEST_UM:g} µm either way")
 
 
 def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> list[str]:

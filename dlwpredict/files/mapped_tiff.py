@@ -59,7 +59,7 @@ def mapped(path: Path) -> Mapped | None:
         return None
     with blaming(path):
         facts = stored_facts(parse_lines(description))
-    if heights is None or "pitch_um" not in facts or facts.get("z_unit", "um") != "um":
+    if heights is None or min(heights.shape) < 2 or "pitch_um" not in facts or facts.get("z_unit", "um") != "um":
         return None
     return Mapped(heights, *facts["pitch_um"])
 

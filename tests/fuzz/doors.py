@@ -59,7 +59,7 @@ def _asked(words: tuple[str, ...]):
         before = set(folder.iterdir())
         given = [str(path) if word == MAP else str(folder / word) if "." in word else word for word in words]
         try:
-            _judged(CliRunner().invoke(app, given), set(folder.iterdir()) - before, (str(path), str(good)))
+            _judged(CliRunner().invoke(app, given), set(folder.iterdir()) - before, (str(path), str(folder)))
         finally:
             for made in set(folder.iterdir()) - before:
                 shutil.rmtree(made) if made.is_dir() else made.unlink()
@@ -75,5 +75,5 @@ def _judged(result, made: set[Path], files: tuple[str, ...]) -> None:
     if result.exit_code:
         assert result.exit_code == 1, f"exit code {result.exit_code}: {result.stderr[-300:]}"
         assert len(said) == 1 and said[0].startswith("error: "), f"said {result.stderr[-300:]!r}"
-        assert any(name in said[0] for name in files) or "good.tif" in said[0], f"no file named: {said[0][:300]!r}"
+        assert any(name in said[0] for name in files), f"no file named: {said[0][:300]!r}"
         assert not made, f"left {sorted(one.name for one in made)}"
