@@ -15,9 +15,10 @@ from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import FastAxis, InstrumentKind, Output, Overwrite, check_outputs, recorded_by
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import tell
-from dlwpredict.errors import InputError
+from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
+from dlwpredict.files.plausibility import require_sizes, require_unclipped
 
 COMMAND = "align"
 STREAMS = {"report": ".yaml"}
@@ -58,6 +59,9 @@ def run(
     check_plot(plot)
     seen = recorded_by(read_height_map(recording), instrument, fast_axis_deg)
     maps = seen, read_height_map(target)
+    with blaming(recording):
+        require_unclipped(seen)
+        require_sizes(maps[1], seen)
     try:
         found = align(
             *maps,

@@ -24,6 +24,7 @@ from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
+from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
@@ -140,6 +141,8 @@ def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap
 def _prepared(target: Path, recording: Path, **knobs: Any) -> Recording:
     part, measured = read_height_map(target), read_height_map(recording)
     found = prepare(part, measured, name=str(recording), target_name=str(target), **knobs)
+    with blaming(recording):
+        require_sizes(part, measured)
     detail(f"{recording}: {found.points} of {measured.heights_um.size} points count ({measured.height_reference})")
     return found
 

@@ -14,7 +14,7 @@ from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import format_of
-from dlwpredict.files.plausibility import plausibility, tilt_mrad
+from dlwpredict.files.plausibility import plausibility, plausibility_of_pitch, tilt_mrad
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.missing import fill_missing
 from dlwpredict.regrid import cropped, resampled, smoothed
@@ -71,6 +71,11 @@ def run(
     height_map = read_height_map(
         source, pitch_um=options.pitch(pitch_um), z_scale=z_scale, z_range_um=asked, channel=channel
     )
+    if pitch_um is not None:
+        for doubt in _doubts_of_pitch(
+            source, height_map, {"z_scale": z_scale, "z_range_um": asked, "channel": channel}
+        ):
+            warn(f"{source}: {doubt}")
     height_map = options.recorded_by(height_map, instrument, fast_axis_deg)
     tilt = " x ".join(f"{round(slope, 2) + 0:g}" for slope in tilt_mrad(height_map))
     say(f"{source}: {height_map.summary()}, tilt {tilt} mrad")
@@ -98,6 +103,15 @@ def run(
         plots.save(plot, plots.overview(height_map, name=target.stem, caption=height_map.summary()))
     for remark in remarks:
         warn(f"{target}: {remark}")
+
+
+def _doubts_of_pitch(source: Path, height_map: HeightMap, settings: dict[str, Any]) -> list[str]:
+    """Return a warning where the pitch that was given is not the file's own; none where it says none."""
+    try:
+        own = read_height_map(source, **settings)
+    except InputError:
+        return []
+    return plausibility_of_pitch((own.dx_um, own.dy_um), (height_map.dx_um, height_map.dy_um))
 
 
 def levels(height_map: HeightMap, z_range_um: tuple[float, float] | None) -> dict[str, Any]:

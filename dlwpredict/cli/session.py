@@ -22,10 +22,11 @@ from dlwpredict.diagnose.answer.content import FORMAT, content_of, untested
 from dlwpredict.diagnose.answer.sides import undecided
 from dlwpredict.diagnose.answer.words import listed
 from dlwpredict.diagnose.run import STAGES, Course, Diagnosis, Stage, diagnose
-from dlwpredict.errors import InputError
+from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
+from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.files.provenance import origin, with_cautions
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
 from dlwpredict.heightmap import HeightMap
@@ -85,6 +86,8 @@ class Pair:
         target, recording = files
         part, measured = read_height_map(target), read_height_map(recording)
         found = prepare(part, measured, name=str(recording), target_name=str(target), wall_px=wall_px)
+        with blaming(recording):
+            require_sizes(part, measured)
         factor = working_factor(part, start, pitch_um)
         detail(f"{recording}: {found.points} points count, {factor} × {factor} pixels make one")
         return cls(files, part, coarser(found, factor), factor)

@@ -1,6 +1,6 @@
 """Does what a command has read belong together, and to that command? Units, mirrors, mix-ups, things done twice.
 
-Only coarse slips are named, and only as warnings: a factor of 100 in height, another side up, no likeness at all.
+Only coarse slips are named, and only as warnings: a factor of 3 in height, another side up, no likeness at all.
 """
 
 from __future__ import annotations
@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dlwpredict.files.plausibility import clipping
+from dlwpredict.files.plausibility import clipping, doubts_of_size
 from dlwpredict.files.provenance import Run
 from dlwpredict.heightmap import HeightMap
 
-_UNIT_SLIP = 100.0  # nothing printed is that much higher or lower than its target
 _ALIKE, _UNLIKE = 0.5, 0.3  # correlations
 _ALREADY = {
     ("align", "align"): "is levelled and on a target's grid already: align the recording itself",
@@ -74,15 +73,11 @@ def disagreement(target: HeightMap, recording: HeightMap) -> list[str]:
     Examples
     --------
     >>> part = HeightMap(np.add.outer(np.arange(40.0), np.arange(40.0) ** 2), 1, 1)
-    >>> disagreement(part, part.with_heights(part.heights_um * 1e-3))
-    ['relief 1.548 µm, 1548 µm in the target: is the unit right (--z-scale)?']
     >>> disagreement(part, part.with_heights(part.heights_um[:, ::-1]))
     ['fits better mirrored left to right (CC 1.00) than as it lies (CC -0.87): use align']
     """
-    reliefs = [_relief_um(one) for one in (target, recording)]
-    if min(reliefs) > 0 and not 1 / _UNIT_SLIP < reliefs[1] / reliefs[0] < _UNIT_SLIP:
-        text = f"relief {reliefs[1]:.4g} µm, {reliefs[0]:.4g} µm in the target: is the unit right (--z-scale)?"
-        return [text]
+    if sizes := doubts_of_size(target, recording):
+        return sizes
     if not target.same_grid(recording):
         return []
     square = target.shape[0] == target.shape[1] and np.isclose(target.dx_um, target.dy_um)
@@ -97,12 +92,6 @@ def disagreement(target: HeightMap, recording: HeightMap) -> list[str]:
     if max(best, as_it_lies) < _UNLIKE:
         return [f"hardly resembles the target (CC {as_it_lies:.2f}): is it a recording of another structure?"]
     return []
-
-
-def _relief_um(height_map: HeightMap) -> float:
-    """Return the range of the heights without the outermost hundredth, or all of it where that is flat."""
-    low, high = np.nanpercentile(height_map.heights_um, (0.5, 99.5))
-    return float(high - low) or float(np.nanmax(height_map.heights_um) - np.nanmin(height_map.heights_um))
 
 
 def _correlation(first: np.ndarray, second: np.ndarray) -> float:
