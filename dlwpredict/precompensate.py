@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.printable import Printable
 from dlwpredict.process import check_target
+from dlwpredict.surround import Continued
 
 Prediction = Callable[[HeightMap], HeightMap]
 
 UNREACHABLE_RESPONSE = 0.2
 """A place is out of reach where full correction steps move the print by less than this share of what is missing."""
+
+HIGHEST = 2.0
+"""Nothing is written higher than so many times the target's highest point, unless a maximum is given: resin shrinks by
+less than half, and what asks for more is a wall or an edge that no height mends."""
+
+AS_IT_COMES = Printable()
 
 LAST = 3
 """Predictions by which the search is judged to have come to rest."""
@@ -28,12 +37,20 @@ class Limits:
     ----------
     maximum_um : float
         Highest written height, µm.
+    printable : Printable
+        What its shape may be.
     slicing_um : float
         Heights are rounded to multiples of this at the end; 0 = continuous.
     """
 
     maximum_um: float = np.inf
     slicing_um: float = 0.0
+    printable: Printable = AS_IT_COMES
+
+    @classmethod
+    def about(cls, target: HeightMap, maximum_um: float | None = None, **settings: Any) -> Limits:
+        """Return limits for a target, `HIGHEST` times as high as it is unless a maximum is given."""
+        return cls(HIGHEST * float(target.heights_um.max()) if maximum_um is None else maximum_um, **settings)
 
     def __post_init__(self) -> None:
         if not self.maximum_um > 0:
@@ -41,9 +58,10 @@ class Limits:
         if not 0 <= self.slicing_um < np.inf:
             raise InputError(f"found {self.slicing_um:g}", key="--slicing-um", allowed="allowed: 0 or more")
 
-    def clip(self, written: np.ndarray, footprint: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Keep heights between a fiftieth of the target and the maximum, and the footprint as it is."""
-        return np.where(footprint, np.clip(written, target / 50, self.maximum_um), 0.0)
+    def within(self, written: np.ndarray, target: HeightMap) -> np.ndarray:
+        """Keep heights printable, between a fiftieth of the target and the maximum; nothing is written beside it."""
+        shaped = self.printable.of(written, target)
+        return np.where(target.heights_um > 0, np.clip(shaped, target.heights_um / 50, self.maximum_um), 0.0)
 
     def sliced(self, written: np.ndarray, footprint: np.ndarray) -> np.ndarray:
         """Round to whole slices within the limits; at least one where something stands."""
@@ -70,6 +88,8 @@ class Precompensation:
         Predictions used in the search.
     history : list of dict
         rmse and largest error of every prediction, µm, over the footprint.
+    error_um : numpy.ndarray, shape (rows, cols)
+        Target − predicted print, 0 beside the part.
     damped : int
         How often a step was taken back because the error had grown.
     largest_unrounded_um : float
@@ -84,6 +104,12 @@ class Precompensation:
     history: list[dict[str, float]] = field(repr=False)
     damped: int = 0
     largest_unrounded_um: float = 0.0
+
+    def in_view(self, view: Continued) -> Precompensation:
+        """Return the correction where the target is, of one that was continued."""
+        corrected, predicted = view.in_view(self.corrected), view.in_view(self.predicted)
+        error_um, reachable = view.cut(self.error_um), view.cut(self.reachable)
+        return replace(self, corrected=corrected, predicted=predicted, error_um=error_um, reachable=reachable)
 
     @property
     def still_falling(self) -> bool:
@@ -124,6 +150,7 @@ def precompensate(
     most_predictions: int = 10,
     tolerance: float = 0.01,
     memory: int = 5,
+    counted: np.ndarray | bool = True,
     on_step: Callable[[int, float], None] = lambda count, error: None,
 ) -> Precompensation:
     """Solve predict(h') = h by corrected fixed-point steps.
@@ -145,6 +172,8 @@ def precompensate(
         Stop once the largest reachable error is below this share of the initial one.
     memory : int
         Steps that Anderson mixing remembers; 0 = the paper's loop.
+    counted : numpy.ndarray of bool, shape (rows, cols), optional
+        Points whose errors count.
     on_step : callable
         Told the count of predictions and the present rmse, µm.
 
@@ -158,6 +187,7 @@ def precompensate(
     check_target(target)
     limits = limits or Limits()
     h, footprint = target.heights_um, target.heights_um > 0
+    judged = footprint & counted
     if h.max() > limits.maximum_um:
         allowed = f"at least that; found {limits.maximum_um:g}"
         raise InputError(f"target is {h.max():.4g} µm high", key="--maximum-um", allowed=allowed)
@@ -167,23 +197,23 @@ def precompensate(
 
     error = error_of(h)
     best = _Iterate(h, error)
-    history = [_figures(error[footprint])]
+    history = [_figures(error[judged])]
     on_step(1, history[0]["rmse_um"])
     tolerated = tolerance * history[0]["largest_um"]
     silent = np.where(footprint, 0, 2)  # full steps that a place has left unanswered; after two it is left alone
     mixing, damped, scale = _Anderson(memory), 0, 1.0
     while len(history) < most_predictions and scale > 1 / 16:
         answers = silent < 2
-        if not answers.any() or np.abs(best.error[answers]).max() <= tolerated:
+        if not (answers & judged).any() or np.abs(best.error[answers & judged]).max() <= tolerated:
             break
         mixed = mixing.next(best.written, np.where(answers, best.error, 0.0))
-        written = limits.clip(best.written + scale * (mixed - best.written), footprint, h)
+        written = limits.within(best.written + scale * (mixed - best.written), target)
         error = error_of(written)
-        history.append(_figures(error[footprint]))
+        history.append(_figures(error[judged]))
         on_step(len(history), history[-1]["rmse_um"])
         if scale == 1.0:
             silent += ~_answers(best, written, error, tolerated)
-        if _rms(error[answers]) < _rms(best.error[answers]):
+        if _rms(error[answers & judged]) < _rms(best.error[answers & judged]):
             best, scale = _Iterate(written, error), 1.0
         else:
             damped, scale, mixing = damped + 1, scale / 2, _Anderson(0)
@@ -191,13 +221,13 @@ def precompensate(
         raise ResultError(
             "no step lowers the error of the prediction", key="precompensate", allowed="check the parameters"
         )
-    trial = limits.clip(best.written + best.error, footprint, h)
+    trial = limits.within(best.written + best.error, target)
     reachable = ~footprint | ((silent < 2) & _answers(best, trial, error_of(trial), tolerated))
     final = limits.sliced(best.written, footprint)
     error = best.error if final is best.written else error_of(final)
     return Precompensation(
         target.with_heights(final), target.with_heights(np.where(footprint, h - error, 0.0)), error,
-        reachable, len(history), history, damped, _largest(best.error[footprint & reachable]),
+        reachable, len(history), history, damped, _largest(best.error[judged & reachable]),
     )  # fmt: skip
 
 

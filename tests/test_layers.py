@@ -18,7 +18,7 @@ LAYERS = [
     {"parameters"},
     {"rasterise", "bisection", "walls"},
     {"smoothing", "interpolation", "missing", "mesh", "noise", "score", "transfer", "parallel"},
-    {"model", "designs", "regrid"},
+    {"model", "designs", "regrid", "printable", "surround"},
     {"effects"},
     {"process"},
     {"align", "precompensate"},

@@ -20,7 +20,7 @@ TARGET = designs.cin(size_um=24, pitch_um=0.5, margin_um=4)
 FIGURES = {
     "overview": lambda: plots.overview(TARGET, name="cin"),
     "comparison": lambda: plots.comparison(TARGET, lowered()),
-    "correction": lambda: plots.correction(TARGET, lowered(), lowered()),
+    "correction": lambda: plots.correction(TARGET, lowered(), lowered(), TARGET.heights_um >= 0),
     "diagnosis": lambda: plots.diagnosis([("one", TARGET, *[lowered().heights_um * 0.01] * 4)] * 2),
     "calibration": lambda: plots.calibration([("one", TARGET, lowered(), TARGET, lowered().heights_um * 0)] * 2),
 }

@@ -115,5 +115,6 @@ class TestLimits:
         np.testing.assert_allclose(sliced, [[0.2, 0.4, 0.0, 0.4]])
 
     def test_something_stays_wherever_the_target_has_something(self):
-        clipped = Limits(maximum_um=2.0).clip(np.array([[-1.0, 1.0, 1.0, 9.0]]), self.footprint, np.full((1, 4), 1.5))
-        np.testing.assert_allclose(clipped, [[0.03, 1.0, 0.0, 2.0]])
+        target = HeightMap(np.where(self.footprint, 1.5, 0.0).repeat(2, axis=0), 1.0, 1.0)
+        clipped = Limits(maximum_um=2.0).within(np.array([[-1.0, 1.0, 1.0, 9.0]] * 2), target)
+        np.testing.assert_allclose(clipped, [[0.03, 1.0, 0.0, 2.0]] * 2)

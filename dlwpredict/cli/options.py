@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -79,6 +80,22 @@ def recorded_by(height_map: HeightMap, kind: str | None, fast_axis_deg: float | 
     said = {"kind": kind, "fast_axis_deg": fast_axis_deg}
     said = {name: value for name, value in said.items() if value is not None}
     return replace(height_map, instrument=replace(height_map.instrument, **said)) if said else height_map
+
+
+class Surround(StrEnum):
+    """What lies beyond the map."""
+
+    empty = "empty"
+    continued = "continued"
+
+
+SurroundOption = Annotated[
+    Surround | None,
+    typer.Option(
+        "--surround",
+        help="Beyond the map: empty resin, or the part goes on as its mirror image (a map cut out of a larger part).",
+    ),
+]
 
 
 Pairs = Annotated[

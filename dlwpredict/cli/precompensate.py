@@ -23,8 +23,10 @@ from dlwpredict.files.provenance import cautions_of
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.precompensate import LAST, Limits, Precompensation, precompensate, steps_um
-from dlwpredict.process import predict
+from dlwpredict.precompensate import HIGHEST, LAST, Limits, Precompensation, precompensate, steps_um
+from dlwpredict.printable import Printable
+from dlwpredict.process import check_target, predict
+from dlwpredict.surround import Continued, doubt_of_edges
 
 COMMAND = "precompensate"
 STREAMS = {"report": ".yaml"}
@@ -62,8 +64,23 @@ def run(
     ] = None,
     method: Annotated[Loop, typer.Option(help="Accelerated loop, or the paper's plain one.")] = Loop.accelerated,
     maximum_um: Annotated[
-        float, typer.Option(help="Highest height that may be written, µm.", **options.LENGTH)
-    ] = np.inf,
+        float | None,
+        typer.Option(
+            help=f"Highest height that may be written; {HIGHEST:g} times the target's if absent.", **options.LENGTH
+        ),
+    ] = None,
+    surround: options.SurroundOption = None,
+    smooth_um: Annotated[
+        float, typer.Option(help="Smooth the correction by a Gaussian of this FWHM; 0 = not.", **options.LENGTH)
+    ] = 0.0,
+    max_slope: Annotated[
+        float | None,
+        typer.Option(help="Steepest slope to be written, µm/µm, where the target is no steeper itself.", min=1e-3),
+    ] = None,
+    smallest_feature_um: Annotated[
+        float,
+        typer.Option(help="Leave out hills and pits of the correction that are narrower; 0 = none.", **options.LENGTH),
+    ] = 0.0,
     slicing_um: Annotated[
         float | None,
         typer.Option(
@@ -91,17 +108,24 @@ def run(
     for caution in cautions_of(process.provenance):
         warn(f"{parameters}: {caution}")
     part = read_height_map(target)
-    limits = Limits(maximum_um, process.writing.slicing_um if slicing_um is None else slicing_um)
+    with blaming(target):
+        check_target(part)
+    slicing = process.writing.slicing_um if slicing_um is None else slicing_um
+    shape = Printable(smooth_um, np.inf if max_slope is None else max_slope, smallest_feature_um)
+    limits = Limits.about(part, maximum_um, slicing_um=slicing, printable=shape)
 
     def correct(physics: ParameterSet) -> Precompensation:
+        view = Continued.of(part, physics) if surround is options.Surround.continued else Continued(part, (0, 0))
+        counted = np.pad(np.ones(part.shape, dtype=bool), [(r, r) for r in view.room])
         return precompensate(
-            part,
+            view.whole,
             lambda written: predict(written, physics),
             limits=limits,
             most_predictions=predictions,
             memory=5 if method is Loop.accelerated else 0,
+            counted=counted,
             on_step=lambda count, rmse: detail(f"prediction {count}: rmse {rmse:.4f} µm"),
-        )
+        ).in_view(view)
 
     with blaming(target):
         if process.undecided and undecided is None:
@@ -125,7 +149,8 @@ def run(
         from dlwpredict import plots
 
         errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
-        plots.save(plot, plots.correction(part, found.corrected, found.predicted, caption=f"rmse {errors} µm"))
+        shown = plots.correction(part, found.corrected, found.predicted, found.reachable, caption=f"rmse {errors} µm")
+        plots.save(plot, shown)
     tell(figures)
     reached, missed = figures["reachable"], figures["unreachable"]
     say(
@@ -137,9 +162,17 @@ def run(
         say(
             f"out of reach: {missed['points']} points at walls or finer than the focus, rmse {missed['rmse_um']:.3f} µm"
         )
-    if reached["fraction"] < STEPPED and (step := steps_um(part)):
+    for doubt in doubt_of_edges(part) if surround is None else ():
+        warn(f"{target}: {doubt}")
+    if maximum_um is None and (capped := int((found.corrected.heights_um >= limits.maximum_um * (1 - 1e-9)).sum())):
         warn(
-            f"{target}: the design comes in steps of {step:g} µm, each a wall out of reach: smooth it if none is meant"
+            f"{output}: {capped} points stand at {limits.maximum_um:.4g} µm, {HIGHEST:g} times the target's height, "
+            "the most that is written: --maximum-um allows more"
+        )
+    if not smooth_um and reached["fraction"] < STEPPED and (step := steps_um(part)):
+        warn(
+            f"{target}: the design comes in steps of {step:g} µm, each a wall out of reach: --smooth-um keeps the "
+            "correction from following them"
         )
     if reached["largest_to_initial"] > LARGE:
         warn(f"stopped at {100 * reached['largest_to_initial']:.0f} % of the first error: {why(found, limits)}")

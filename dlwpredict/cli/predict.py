@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dlwpredict.cli import options
-from dlwpredict.cli.console import detail, say
+from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.large import Scheduler, TilePx, cut, predict_large
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import figures_of, tell
@@ -18,7 +18,8 @@ from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.voxels import Voxels
-from dlwpredict.process import predict
+from dlwpredict.process import check_target, predict
+from dlwpredict.surround import Continued, doubt_of_edges
 
 COMMAND = "predict"
 FIGURES = True
@@ -45,6 +46,7 @@ def run(
         bool,
         typer.Option("--as-measured", help="Add the measurement effects: what the instrument would show."),
     ] = False,
+    surround: options.SurroundOption = None,
     threads: Annotated[int, typer.Option(help="Threads of the fast method.", min=1)] = 1,
     tile_px: TilePx = None,
     scheduler: Scheduler = None,
@@ -62,6 +64,8 @@ def run(
     if large is not None:
         if plot is not None:
             raise InputError("given for a map cut into tiles", key="--plot", allowed="allowed with --tile-px 0")
+        if surround is options.Surround.continued:
+            raise InputError("given for a map cut into tiles", key="--surround", allowed="allowed with --tile-px 0")
         predict_large(large, target, output, process, tile_px, as_measured, threads, scheduler)
         return
     part = read_height_map(target)
@@ -74,7 +78,11 @@ def run(
         numerics = Levels(threads)
     detail(f"target: {part.summary()}")
     with blaming(target):
-        printed = predict(part, process, numerics=numerics, as_measured=as_measured)
+        check_target(part)
+        whole = Continued.of(part, process) if surround is options.Surround.continued else Continued(part, (0, 0))
+        printed = whole.in_view(predict(whole.whole, process, numerics=numerics, as_measured=as_measured))
+    for doubt in doubt_of_edges(part) if surround is None else ():
+        warn(f"{target}: {doubt}")
     write_height_map(output, printed)
     if plot is not None:
         from dlwpredict import plots

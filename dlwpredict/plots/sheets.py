@@ -42,13 +42,21 @@ def comparison(
     return _sheet(list(zip(names, (reference, test), strict=True)), caption=caption)
 
 
-def correction(target: HeightMap, corrected: HeightMap, predicted: HeightMap, *, caption: str = "") -> Figure:
+def correction(
+    target: HeightMap, corrected: HeightMap, predicted: HeightMap, reachable: np.ndarray, *, caption: str = ""
+) -> Figure:
     """Draw target, the print predicted of the corrected design, that design, the error left, and profiles of all three.
 
-    All maps on one grid.
+    Parameters
+    ----------
+    target, corrected, predicted : HeightMap
+        On one grid.
+    reachable : numpy.ndarray of bool, shape (rows, cols)
+        Where the print answers to what is written; elsewhere the error is not shown.
+    caption : str
     """
     maps = [("target", target), ("predicted print", predicted), ("corrected design", corrected)]
-    return _sheet(maps, caption=caption)
+    return _sheet(maps, caption=caption, judged=reachable, where=" in reach")
 
 
 def calibration(
@@ -107,8 +115,13 @@ def _strips(names: Sequence[str], caption: str) -> tuple[Figure, list[np.ndarray
     return figure, [part.subplots(1, 4) for part in parts]
 
 
-def _sheet(maps: Sequence[tuple[str, HeightMap]], *, caption: str) -> Figure:
-    """Draw maps on one colour range, second − first where there are two, and profiles through the centre of all."""
+def _sheet(
+    maps: Sequence[tuple[str, HeightMap]], *, caption: str, judged: np.ndarray | bool = True, where: str = ""
+) -> Figure:
+    """Draw maps on one colour range, second − first where there are two, and profiles through the centre of all.
+
+    The difference is shown where it is judged; `where` says so.
+    """
     names, shown = zip(*maps, strict=True)
     columns = len(maps) + (len(maps) > 1)
     above, below = _halves(columns)
@@ -117,9 +130,9 @@ def _sheet(maps: Sequence[tuple[str, HeightMap]], *, caption: str) -> Figure:
     for letter, axes, name, one in zip("abcd", panels, names, shown, strict=False):
         show_map(axes, one, title=f"({letter}) {name}" if columns > 1 else name, limits_um=limits)
     if len(maps) > 1:
-        change = difference_um(shown[1], shown[0])
+        change = np.where(judged, difference_um(shown[1], shown[0]), np.nan)
         limit = difference_limit(np.where(inside(shown[0]), change, np.nan))
-        title = f"({'abcd'[columns - 1]}) difference (b) − (a)"
+        title = f"({'abcd'[columns - 1]}) difference (b) − (a){where}"
         show_difference(panels[-1], shown[0].with_heights(change), title=title, limit_um=limit)
     for axes in panels:
         cross = {
