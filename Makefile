@@ -35,8 +35,8 @@ include $(filter-out configs/workflow.mk,$(wildcard configs/*.mk))  # workflow.m
 
 # -- the daily targets ------------------------------------------------------------------------
 .PHONY: demo test check format docs clean
-demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, predict, score, correct, STL
-	@$(BIN)/python -m tests.bench.demo $(DEMO)
+demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagnose, correct, print again, a page
+	@$(BIN)/python -m tests.bench.demo $(DEMO) $(SEVEN)
 
 test: $(VENV)/.installed ## Run the tests
 	$(BIN)/python -m pytest

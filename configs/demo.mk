@@ -1,10 +1,13 @@
-# The whole loop on sample_data/: convert, align, calibrate, predict, score, correct, export an STL. At the end the virtual
-# press that printed the samples prints the corrected parts, as the proof.
+# The whole loop on sample_data/: convert, align, calibrate, predict, score; diagnose what the seven parameters leave;
+# correct with what was found, export an STL, and a page of it all. At the end the virtual press that printed the samples
+# prints the corrected parts, and beside them those that the seven parameters alone would have corrected, as the proof.
 
 DEMO := $(RUNS)/demo
+SEVEN := $(RUNS)/demo-seven
 DEMO_PARTS := cin air
 
-DEMO_RESULTS := $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/score.json $(DEMO)/$(part)/corrected.stl $(DEMO)/$(part)/reprinted.tif)
+DEMO_RESULTS := $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/score.json $(DEMO)/$(part)/corrected.stl \
+  $(DEMO)/$(part)/reprinted.tif $(SEVEN)/$(part)/reprinted.tif) $(DEMO)/report.html
 
 .PHONY: sample-data
 sample-data: | $(VENV)/.installed ## Make sample_data/ anew from the virtual press
@@ -37,8 +40,17 @@ $(DEMO)/%/predicted.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
 $(DEMO)/%/score.json: $(DEMO)/%/predicted.tif $(DEMO)/%/aligned.tif
 	$(DLW) score $^ --part-only --json $@ --plot $(@D)/score.png --overwrite
 
-$(DEMO)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
-	$(DLW) precompensate $< -p $(DEMO)/process.yaml -o $@ --report $(@D)/precompensation.yaml --overwrite
+# Where a finding could be either, the print is corrected for it: here the recordings have no other use.
+$(DEMO)/found.yaml $(DEMO)/diagnosis.yaml &: configs/paper-defaults.yaml $(DEMO_PAIRS)
+	$(DLW) diagnose $(foreach part,$(DEMO_PARTS),--pair $(DEMO)/$(part)/target.tif $(DEMO)/$(part)/aligned.tif) \
+	  -p $< -o $(DEMO)/diagnosis.yaml --params-out $(DEMO)/found.yaml --report $(DEMO)/diagnosis.html --no-advice --overwrite
+
+$(DEMO)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/found.yaml
+	$(DLW) precompensate $< -p $(DEMO)/found.yaml -o $@ --report $(@D)/precompensation.yaml --undecided print --overwrite
+
+$(SEVEN)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
+	@mkdir -p $(@D)
+	$(DLW) precompensate $< -p $(DEMO)/process.yaml -o $@ --overwrite --quiet
 
 $(DEMO)/%/corrected.stl: $(DEMO)/%/corrected.tif
 	$(DLW) export-stl $< -o $@ --overwrite
@@ -46,4 +58,10 @@ $(DEMO)/%/corrected.stl: $(DEMO)/%/corrected.tif
 $(DEMO)/%/reprinted.tif: $(DEMO)/%/corrected.tif configs/press.yaml
 	$(BIN)/python -m tests.press print $< -p configs/press.yaml -o $@ --overwrite
 
-.PRECIOUS: $(DEMO)/%/target.tif $(DEMO)/%/recording.tif $(DEMO)/%/aligned.tif $(DEMO)/%/predicted.tif $(DEMO)/%/corrected.tif
+$(SEVEN)/%/reprinted.tif: $(SEVEN)/%/corrected.tif configs/press.yaml
+	$(BIN)/python -m tests.press print $< -p configs/press.yaml -o $@ --overwrite
+
+$(DEMO)/report.html: $(DEMO)/diagnosis.yaml $(foreach part,$(DEMO_PARTS),$(DEMO)/$(part)/score.json $(DEMO)/$(part)/corrected.stl)
+	$(DLW) report $(DEMO) -o $@ --overwrite
+
+.PRECIOUS: $(SEVEN)/%/corrected.tif $(DEMO)/%/target.tif $(DEMO)/%/recording.tif $(DEMO)/%/aligned.tif $(DEMO)/%/predicted.tif $(DEMO)/%/corrected.tif

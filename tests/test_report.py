@@ -113,7 +113,8 @@ def text_of(folder, **words):
 
 def test_the_report_shows_all_that_the_run_holds(run):
     text, whole = text_of(run)
-    assert len(images(whole)) == 9 + 2  # target, recording, print, prediction, design, reprint, three differences
+    # three that lead; target, recording, print, prediction, design, reprint, three differences; profiles
+    assert len(images(whole)) == 3 + 9 + 2
     said = ["bench", "letter: rmse", "2.415 ± 0.023, -1.593 ± 0.009", "3.382 ± 0.021", "5.39 %", "1571"]
     said += ["856 nm → 9.98 nm", "97 %", "43.1 nm", "525", "154 nm → 142 nm", "143 nm", *CALIBRATION["warnings"]]
     said += [
@@ -168,8 +169,10 @@ def test_figures_are_those_of_the_score_command(run, tmp_path):
     ends = [rows[name, "target"] for name in ("print", "print of the corrected design")]
     away = [words_of(one.away["rmse_um"]) for one in ends]
     whole = [words_of(one.values["rmse_um"]) for one in ends]
-    assert f"letter: rmse away from walls {away[0]} (print) → {away[1]} (print of the corrected design)" in text
-    assert f"over the whole part, walls included, {whole[0]} → {whole[1]}" in text
+    said = f"the print is {away[0]} off its target (rms, away from walls and rim)"
+    assert f"letter: {said}; printed again from the corrected design it is {away[1]} off." in text
+    assert "letter: target, print, correction" in text
+    assert all(one not in text.partition("Figures")[0] for one in whole)
 
 
 def test_a_target_without_a_print_has_no_figures(tmp_path):
@@ -188,7 +191,9 @@ def test_generations_stand_in_order_under_their_part(tmp_path):
         assert [row.name for row in figures(structure)] == ["target", "print g0", "print g2", "print g10"]
         assert np.all(np.diff(errors) < 0)
     text, whole = text_of(folder)
-    assert re.search(r"letter: rmse .* \(print g0\) → .* \(print g10\)", text)
+    assert re.search(
+        r"letter: the print is .* off its target \(rms, away from walls and rim\); printed again .* off", text
+    )
     assert text.count("Design written") == 2  # the first was the target itself
     assert len(images(whole)) == 1 + 2 + 3 + 3 + 2
 
@@ -211,7 +216,7 @@ PARTS = {
     "recording": ({"recording": printed()}, "Recording", 1),
     "print": ({"aligned": printed()}, "Print", 3),
     "prediction and print": ({"aligned": printed(), "predicted": TARGET}, "Print − prediction", 5),
-    "relative heights": ({"target": TARGET, "aligned": RELATIVE}, "without the mean: relative heights", 5),
+    "relative heights": ({"target": TARGET, "aligned": RELATIVE}, "without the mean: relative heights", 2 + 5),
     "other grid": ({"target": TARGET, "aligned": designs.f(pitch_um=0.25)}, "not on the same grid", 4),
     "parameters": ({"process": PROCESS}, "crosslink_fwhm_z_um", 0),
     "calibration": ({"calibration": CALIBRATION}, "on left-out blocks 143 nm", 0),
@@ -472,7 +477,7 @@ def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, 
     with chromium(tmp_path) as browser:
         browser.open(tmp_path / "report.html")
         widths = browser.run("[...document.images].map((one) => one.complete && one.naturalWidth)")
-        assert len(widths) == 11 and min(widths) > 100
+        assert len(widths) == 14 and min(widths) > 100
         left, right = seen(browser, 0)[0], seen(browser, 1)[0]
         assert (left < 235).mean() > 0.1  # something is drawn,
         assert len(np.unique(left)) > 50  # in many shades,

@@ -16,9 +16,9 @@ from dlwpredict.errors import ResultError
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.pages import words
-from dlwpredict.pages.pictures import LARGEST_MAP
+from dlwpredict.pages.pictures import LARGEST_MAP, Picture
 from dlwpredict.pages.relief import LARGEST_RELIEF, MOST_POINTS, relief, view
-from dlwpredict.pages.report_pictures import pictures, ranges, surfaces
+from dlwpredict.pages.report_pictures import lead, pictures, ranges, surfaces
 from dlwpredict.pages.run_folder import Run, Structure, unmatched
 from dlwpredict.pages.templates import template
 from dlwpredict.parameters import ParameterSet, Readings, declarations
@@ -27,6 +27,12 @@ from dlwpredict.walls import WALL_PX, near_walls_or_rim
 
 MOST_PIXELS = 800_000
 """Pixels of all maps of a page together; at about four bytes each."""
+
+AWAY = "away from walls and rim"
+"""The region of every headline; the whole part stands in the table alone."""
+
+MOST_LEADS = 3
+"""Structures that the page leads with; more are summed up in lines."""
 
 MOST_LINES = 6
 """Structures that are summed up in a line each."""
@@ -73,6 +79,9 @@ def page(run: Run) -> str:
     return template("report.html").render(
         run=run,
         structures=[_shown(structure, pixels) for structure in run.structures],
+        title=title(run),
+        missing=missing(run),
+        leads=leads(run.structures, rows, pixels),
         summaries=summaries(run.structures, rows),
         rows=rows,
         wall_px=WALL_PX,
@@ -86,6 +95,23 @@ def page(run: Run) -> str:
         script=Markup(f"\n{script}\n"),
         digest=digest,
     )
+
+
+def title(run: Run) -> str:
+    """Return what the page is about: the structures by name, as long as they are few; else how many.
+
+    Examples
+    --------
+    >>> title(Run("runs", tuple(Structure(name, None, []) for name in ("air", "cin")), {}, {}, []))
+    'air and cin: target, print, correction'
+    """
+    names = [structure.name for structure in run.structures]
+    if not names:
+        return f"Run {run.name}"
+    if len(names) > MOST_LINES:
+        return f"{len(names)} structures: targets, prints, corrections"
+    listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"{listed}: target, print, correction"
 
 
 def figures(structure: Structure) -> list[Figures]:
@@ -141,17 +167,65 @@ def _compared(
     return Figures(structure, name, against, asdict(found), away, note)
 
 
+@dataclass(frozen=True)
+class Lead:
+    """What a structure comes to: pictures on one colour range, a sentence, and at most three numbers."""
+
+    name: str
+    sentence: str
+    numbers: list[tuple[str, str]]
+    pictures: list[Picture]
+
+
+def leads(structures: tuple[Structure, ...], rows: list[Figures], pixels: int) -> list[Lead]:
+    """Return the leads of structures that have a print, where they are not too many to lead."""
+    found = []
+    for structure in structures:
+        ends = _ends(structure.name, rows)
+        if structure.target and ends:
+            sentence = summary(structure.name, rows)
+            found.append(Lead(structure.name, sentence, numbers(ends), lead(structure, pixels)))
+    return found if len(found) <= MOST_LEADS else []
+
+
+def _ends(structure: str, rows: list[Figures]) -> list[Figures]:
+    """Return the figures of a structure's first print and of its last, if that is another one."""
+    prints = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
+    return prints[:1] if len(prints) < 2 else [prints[0], prints[-1]]
+
+
+def numbers(ends: list[Figures]) -> list[tuple[str, str]]:
+    """Return how far the first and the last print are off the target, and how many times closer the last one is.
+
+    All away from walls and rim, where anything lies there.
+    """
+    errors = [float((row.away or row.values)["rmse_um"]) for row in ends]
+    named = zip(("print off target", "corrected print off target"), errors, strict=False)
+    found = [(name, words.length(error)) for name, error in named]
+    if len(errors) == 2 and errors[1] > 0:
+        found.append(("times closer", f"{errors[0] / errors[1]:.3g}"))
+    return found
+
+
 def summary(structure: str, rows: list[Figures]) -> str:
     """Return how the error of a structure went from its first print to its last; nothing without a print."""
-    prints = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
-    if not prints:
+    ends = _ends(structure, rows)
+    if not ends:
         return ""
-    ends = prints[:1] if len(prints) == 1 else [prints[0], prints[-1]]
-    whole = " → ".join(words.length(row.values["rmse_um"]) for row in ends)
-    if not all(row.away for row in ends):
-        return f"{structure}: rmse {whole}, walls included ({' → '.join(row.name for row in ends)})"
-    away = " → ".join(f"{words.length(row.away['rmse_um'])} ({row.name})" for row in ends)
-    return f"{structure}: rmse away from walls {away}; over the whole part, walls included, {whole}"
+    where = AWAY if all(row.away for row in ends) else "over the whole part"
+    errors = [words.length(float((row.away if where == AWAY else row.values)["rmse_um"])) for row in ends]
+    said = f"{structure}: the print is {errors[0]} off its target (rms, {where})"
+    return said + (f"; printed again from the corrected design it is {errors[1]} off." if len(errors) == 2 else ".")
+
+
+def missing(run: Run) -> str:
+    """Return what the diagnoses of a run have found, in a line; nothing where there is none."""
+    found = [
+        f"{' or '.join(map(str, one['effects']))} ({one['side']} side)"
+        for said in run.diagnoses.values()
+        for one in said.get("findings", [])
+    ]
+    return f"Missing in the model: {', '.join(dict.fromkeys(found))}." if found else ""
 
 
 def summaries(structures: tuple[Structure, ...], rows: list[Figures]) -> list[str]:
@@ -162,7 +236,7 @@ def summaries(structures: tuple[Structure, ...], rows: list[Figures]) -> list[st
     last = {row.structure: row for row in rows if row.reference == "target" and row.values}
     errors = [float((row.away or row.values)["rmse_um"]) for row in last.values()]
     low, middle, high = (words.length(float(value)) for value in np.percentile(errors, (0, 50, 100)))
-    where = "away from walls" if all(row.away for row in last.values()) else "away from walls if possible"
+    where = AWAY if all(row.away for row in last.values()) else f"{AWAY} if possible"
     return [f"{len(last)} structures: rmse of the last print {where} {low} to {high}, median {middle}"]
 
 

@@ -106,6 +106,26 @@ def pictures(structure: Structure, pixels: int) -> tuple[list[tuple[str, list[Pi
         return groups, _profiles(structure, shared)
 
 
+def lead(structure: Structure, pixels: int) -> list[Picture]:
+    """Return what a structure comes to, on one colour range: its target, its first print, its last print.
+
+    The last is that of a corrected design, or of a later generation; the corrected design stands there until it is
+    printed.
+    """
+    shared, target, prints = ranges(structure), structure.target, structure.prints
+    shown = [("Target", "what the print shall be", target)]
+    shown += [("Print", "as it came out first", one.maps["aligned"]) for one in prints if "aligned" in one.maps][:1]
+    again = [one.maps["reprinted"] for one in prints if "reprinted" in one.maps]
+    later = [one.maps["aligned"] for one in prints if "aligned" in one.maps][1:]
+    planned = [one.maps["corrected"] for one in prints if "corrected" in one.maps]
+    if again or later:
+        shown.append(("Corrected print", "printed again from the corrected design", (again or later)[-1]))
+    elif planned:
+        shown.append(("Corrected design", "to be printed next", planned[-1]))
+    with matplotlib.rc_context(STYLE):
+        return [_map(one, title, text, shared.heights, shared.bar, pixels) for title, text, one in shown if one]
+
+
 def _maps(one: Print, target: HeightMap | None, shared: Ranges, pixels: int) -> list[Picture]:
     """Return the maps of one print, in the order in which they come about."""
     maps, found = one.maps, []

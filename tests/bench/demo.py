@@ -1,69 +1,73 @@
-"""What `make demo` made, and where: the summary at its end.
+"""What `make demo` made, and where: the story at its end.
 
-Run as ``python -m tests.bench.demo RUN_DIR`` after the Make rules have filled RUN_DIR.
+Run as ``python -m tests.bench.demo RUN_DIR SEVEN_DIR`` after the Make rules have filled both: SEVEN_DIR holds the
+prints that were corrected by the seven parameters alone.
 """
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
 
 from dlwpredict.files import read_height_map
-from dlwpredict.heightmap import HeightMap
 from dlwpredict.score import score
-from tests.bench.generations import RIM_UM, without_rim
+from dlwpredict.walls import near_walls_or_rim
 
 
-def line(name: str, text: str, place: Path) -> None:
-    """Print one row of the summary."""
-    print(f"  {name:13s} {text:64s} {place}")
+def off_um(target: Path, print_of: Path) -> float:
+    """Return how far a print is from the target away from walls and rim, µm rms, as the report has it."""
+    part = read_height_map(target)
+    left_out = (part.heights_um == 0) | near_walls_or_rim(part)
+    return score(part, read_height_map(print_of), left_out=left_out).rmse_um
 
 
-def off_target(target: HeightMap, print_of: Path) -> str:
-    """Say how far a print is from the target, inside its outline."""
-    found = score(without_rim(target), read_height_map(print_of), part_only=True)
-    return f"{found.rmse_um:.3f} off the target, CC {found.cc:.3f}"
+def missing(diagnosis: Path) -> str:
+    """Say what a diagnosis has found, how probable it is, on which side, and how much it explains."""
+    said = yaml.safe_load(diagnosis.read_text())
+    found = [
+        f"{' or '.join(one['effects'])} ({one['side']} side, probability {likely(one['probability'])})"
+        for one in said["findings"]
+    ]
+    share = said["remainder"]["explained_share"]
+    rest = f"; the rest, {100 * (1 - share):.0f} %, has no name" if said["verdict"] == "unexplained" else ""
+    return (", ".join(found) or "nothing beyond noise") + rest
 
 
-def main(run: Path) -> None:
-    """Print what was made of each part."""
-    fit = yaml.safe_load((run / "calibration.yaml").read_text())
+def likely(probability: float) -> str:
+    """Say a probability.
+
+    Examples
+    --------
+    >>> likely(0.9314), likely(1.0)
+    ('93 %', '> 99.9 %')
+    """
+    return "> 99.9 %" if probability > 0.999 else f"{100 * probability:.0f} %"
+
+
+def story(run: Path, by_seven: Path) -> list[str]:
+    """Return the five lines."""
     parts = sorted((path.parent for path in run.glob("*/score.json")), reverse=True)
-    print(f"\nFrom {len(parts)} recordings to corrected parts (rmse in µm, heights from the substrate;")
-    print(
-        f"prints are compared with the target {RIM_UM:g} µm inside its outline, the new one as the press knows it):\n"
-    )
-    for part in parts:
-        pose = yaml.safe_load((part / "align.yaml").read_text())
-        target = read_height_map(part / "target.tif")
-        found = json.loads((part / "score.json").read_text())
-        pre = yaml.safe_load((part / "precompensation.yaml").read_text())
-        left, reached = pre["rmse_um"], pre["reachable"]
-        print(part.name.upper())
-        angle = f"turned by {pose['rotation_deg']:.2f} ± {pose['uncertainty']['rotation_deg']:.2f}°"
-        line("recording", f"{angle}, {100 * pose['missing_fraction']:.0f} % not measured", part / "align.yaml")
-        line("print", off_target(target, part / "aligned.tif"), part / "aligned.tif")
-        line("prediction", f"{found['rmse_um']:.3f} off the print, CC {found['cc']:.3f}", part / "score.png")
-        text = f"predicted {left['before']:.3f} → {left['after']:.3f} off the target"
-        line("correction", f"{text} ({reached['rmse_um']:.3f} away from walls)", part / "corrected.tif")
-        line(
-            "to print",
-            f"watertight solid, {(part / 'corrected.stl').stat().st_size / 1e6:.1f} MB",
-            part / "corrected.stl",
-        )
-        line("new print", off_target(target, part / "reprinted.tif"), part / "reprinted.tif")
-    rmse = fit["rmse_um"]
-    print("PROCESS")
-    line(
-        "calibration",
-        f"prediction error {rmse['before']:.3f} → {rmse['after']:.3f} over both parts",
-        run / "process.yaml",
-    )
-    line("", f"blocks left out {fit['holdout']['rmse_um']:.3f}; intervals and warnings", run / "calibration.yaml")
+    name = ", ".join(part.name.upper() for part in parts)
+    first = [off_um(part / "target.tif", part / "aligned.tif") for part in parts]
+    seven = [off_um(part / "target.tif", by_seven / part.name / "reprinted.tif") for part in parts]
+    last = [off_um(part / "target.tif", part / "reprinted.tif") for part in parts]
+
+    def listed(values: Sequence[float]) -> str:
+        return ", ".join(f"{value:.3f}" for value in values)
+
+    times = ", ".join(f"{a / b:.0f}" for a, b in zip(first, last, strict=True))
+    solids = ", ".join(str(part / "corrected.stl") for part in parts)
+    return [
+        f"print          {listed(first)} µm off the target ({name}; rms, away from walls and rim)",
+        f"seven alone    {listed(seven)} µm off, when corrected by what calibrate learned ({run / 'process.yaml'})",
+        f"missing        {missing(run / 'diagnosis.yaml')} ({run / 'diagnosis.html'})",
+        f"corrected      {listed(last)} µm off, {times} times better, when corrected by what diagnose found",
+        f"to print       {solids}; all of it: {run / 'report.html'}",
+    ]
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    print("\n" + "\n".join(f"  {line}" for line in story(*map(Path, sys.argv[1:]))))
