@@ -195,7 +195,7 @@ def test_generations_stand_in_order_under_their_part(tmp_path):
         r"letter: the print is .* off its target \(rms, away from walls and rim\); printed again .* off", text
     )
     assert text.count("Design written") == 2  # the first was the target itself
-    assert len(images(whole)) == 1 + 2 + 3 + 3 + 2
+    assert len(images(whole)) == 3 + 1 + 2 + 3 + 3 + 2
 
 
 def test_notes_and_names_with_a_part_belong_to_their_part(tmp_path):
