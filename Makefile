@@ -27,7 +27,7 @@ $(VENV)/.installed: pyproject.toml
 	  { echo "error: $(PYTHON) is older than Python 3.11; say make PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable . --group dev
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable . --group dev
 	touch $@
 
 # -- jobs: demo, real prints, generations -----------------------------------------------------
@@ -39,7 +39,7 @@ demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagn
 	@$(BIN)/python -m tests.bench.demo $(DEMO) $(SEVEN)
 
 test: $(VENV)/.installed ## Run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -p tests.skipped
 
 .PHONY: fuzz test-crash
 fuzz: $(VENV)/.installed ## Bad files against every reader (about an hour; FUZZ="--inputs 1000")

@@ -13,7 +13,7 @@ from dlwpredict.cli.commands import NAMES
 ROOT = Path(dlwpredict.__file__).parent
 
 LAYERS = [
-    {"errors"},
+    {"errors", "lab"},
     {"heightmap"},
     {"parameters"},
     {"rasterise", "bisection", "walls"},

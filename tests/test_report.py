@@ -115,7 +115,7 @@ def test_the_report_shows_all_that_the_run_holds(run):
     text, whole = text_of(run)
     # three that lead; target, recording, print, prediction, design, reprint, three differences; profiles
     assert len(images(whole)) == 3 + 9 + 2
-    said = ["bench", "letter: rmse", "2.415 ± 0.023, -1.593 ± 0.009", "3.382 ± 0.021", "5.39 %", "1571"]
+    said = ["letter: the print is", "2.415 ± 0.023, -1.593 ± 0.009", "3.382 ± 0.021", "5.39 %", "1571"]
     said += ["856 nm → 9.98 nm", "97 %", "43.1 nm", "525", "154 nm → 142 nm", "143 nm", *CALIBRATION["warnings"]]
     said += [
         "0.500 (0.450 to 0.560)",
@@ -485,6 +485,7 @@ def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, 
         browser.run(DRAWN)
         assert np.array_equal(seen(browser, 0)[0], left)  # it was whole from the first
 
+        browser.run("document.querySelector('canvas').scrollIntoView({block: 'center', behavior: 'instant'})")
         box = browser.run("JSON.parse(JSON.stringify(document.querySelector('canvas').getBoundingClientRect()))")
         start = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         before = browser.run("[Number(turn.value), Number(tilt.value)]")

@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from dlwpredict.cli import app
 from dlwpredict.designs import air, cin, lens
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
@@ -52,11 +54,9 @@ def touched(path):
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    """A folder as the head of workflow.mk says: two parts recorded, one of them twice, and a design not printed yet."""
+    """A folder as `init` lays it out: two parts recorded, one of them twice, and a design not printed yet."""
     folder = tmp_path_factory.mktemp("lab")
-    shutil.copy(ROOT / "configs" / "workflow.mk", folder / "Makefile")
-    for name in ("targets", "recordings", "written"):
-        (folder / name).mkdir()
+    assert CliRunner().invoke(app, ["init", str(folder)]).exit_code == 0
     parts = {
         "air": air(size_um=20, pitch_um=0.5, margin_um=4),
         "cin": cin(size_um=20, pitch_um=0.5, margin_um=4),
@@ -76,6 +76,7 @@ def lab(tmp_path_factory):
         "CONVERT = --pitch-um 0.5 --z-scale 1e6",
         "ALIGN = --distortion rigid",
         "CALIBRATE = --free threshold --free shrinkage_max",
+        "DIAGNOSE = --no-advice --jobs 1",
     ]
     (folder / "settings.mk").write_text("\n".join([*settings, "HOLD_OUT = cin", ""]))
     return folder
@@ -163,13 +164,33 @@ def test_a_recording_that_is_held_out_teaches_nothing(made):
     ],
 )
 def test_a_wrong_folder_is_said(tmp_path, files, words):
-    shutil.copy(ROOT / "configs" / "workflow.mk", tmp_path / "Makefile")
+    assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == 0
     for name in files:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     result = make(tmp_path)
     assert result.returncode == 2
     assert words in result.stderr
+
+
+def test_init_lays_out_a_folder_and_replaces_nothing(tmp_path):
+    lab = tmp_path / "lab"
+    assert CliRunner().invoke(app, ["init", str(lab)]).exit_code == 0
+    kept = {"Makefile", "README.md", "start.yaml", "targets", "recordings", "written"}
+    assert {one.name for one in lab.iterdir()} == kept
+    assert read_parameters(lab / "start.yaml").paper == Paper()
+    assert (lab / "start.yaml").read_bytes() == (ROOT / "configs" / "paper-defaults.yaml").read_bytes()
+    (lab / "Makefile").write_text("mine")
+    again = CliRunner().invoke(app, ["init", str(lab)])
+    assert again.exit_code == 1 and again.stderr.startswith(f"error: {lab / 'Makefile'}: ")
+    assert (lab / "Makefile").read_text() == "mine"
+
+
+def test_help_needs_no_files(tmp_path):
+    CliRunner().invoke(app, ["init", str(tmp_path)])
+    result = make(tmp_path, "help")
+    assert result.returncode == 0, result.stderr
+    assert "make diagnose" in result.stdout and "HOLD_OUT" in result.stdout
 
 
 def test_the_projects_own_makefile_leaves_it_out():

@@ -103,13 +103,18 @@ def _structures(entries: Any, folder: Path) -> list[dict[str, str]]:
     return found
 
 
+COMPANIONS = ".provenance.yaml", ".part", ".tiles"
+"""Endings of what the program itself lays beside a height map: no pattern means these."""
+
+
 def _matching(pattern: str, folder: Path) -> list[str]:
     """Return the files that a pattern stands for, from the folder, in alphabetical order."""
     if (folder / pattern).is_file():
         return [pattern]
     if Path(pattern).is_absolute():
         raise InputError(f"no file {pattern}", key="structures", allowed="patterns count from the manifest's folder")
-    return sorted(str(file.relative_to(folder)) for file in folder.glob(pattern) if file.is_file())
+    files = [file for file in folder.glob(pattern) if file.is_file() and not file.name.endswith(COMPANIONS)]
+    return sorted(str(file.relative_to(folder)) for file in files)
 
 
 def _check_words(structures: list[dict[str, str]], lines: list[list[str]]) -> None:

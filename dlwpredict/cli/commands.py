@@ -26,6 +26,7 @@ NAMES = (
     "batch",
     "report",
     "verify",
+    "init",
 )
 """In the order of the work. The module of a command has its name, with ``_`` for ``-``."""
 
@@ -62,7 +63,17 @@ def imported(name: str) -> TyperCommand:
             module.run, streams=getattr(module, "STREAMS", None), figures=getattr(module, "FIGURES", False)
         )
         around.command(name, cls=getattr(module, "CLASS", TyperCommand))(with_verbosity(run))
-    return typer.main.get_group(around).commands[name]
+    return _plainly(typer.main.get_group(around).commands[name])
+
+
+def _plainly(command: TyperCommand) -> TyperCommand:
+    """Return a command, and its sub-commands, whose help gives no type to what takes no value."""
+    for option in command.params:
+        if getattr(option, "is_flag", False):
+            option.metavar = ""
+    for inner in getattr(command, "commands", {}).values():
+        _plainly(inner)
+    return command
 
 
 def outlines() -> dict[str, TyperCommand]:

@@ -83,8 +83,8 @@ def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
     extra = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, option])
         for name, option in (
-            ("verbose", typer.Option("--verbose", help="Say more about each step.")),
-            ("quiet", typer.Option("--quiet", help="Say nothing but warnings and errors.")),
+            ("verbose", typer.Option("-v", "--verbose", help="Say more about each step.")),
+            ("quiet", typer.Option("-q", "--quiet", help="Say nothing but warnings and errors.")),
         )
     ]
     wrapped.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *extra])
