@@ -43,7 +43,7 @@ BETWEEN = {
 """Outputs that are written again and again while the work goes on, and what tells a whole one."""
 
 WRITE_NOTHING = {"effects", "verify"}
-OTHERS = {"batch", "report"}
+OTHERS = {"batch", "report", "init"}
 """Covered by tests of their own."""
 
 
