@@ -8,7 +8,7 @@ import pytest
 from dlwpredict import designs
 from dlwpredict.calibrate import calibrate
 from dlwpredict.calibrate.run import _open_directions
-from dlwpredict.calibrate.words import identified, nuisances_um, width_if_square
+from dlwpredict.calibrate.words import OPEN, WEAK, identified, nuisances_um, width_if_square
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose, value_of
@@ -78,7 +78,7 @@ def test_priors_decide_what_the_data_leave_open(air):
     known, bare = (calibrate([pair], free, priors=priors, profile=False) for priors in (True, False))
     for found in (known, bare):
         assert not found.identified["exposure_fwhm_z_um"]
-        assert any("exposure_fwhm_z_um is not identified" in w for w in found.warnings)
+        assert any(f"{OPEN}: exposure_fwhm_z_um" in w for w in found.warnings)
     assert any("the data leave open" in w for w in bare.warnings)
     assert known.intervals.sd[0] < 0.5 * bare.intervals.sd[0]
     assert known.end.vector[0] == pytest.approx(1.5, rel=0.3)
@@ -165,9 +165,10 @@ class TestRecovery:
             assert value_of(found.parameters, name) == pytest.approx(value_of(TRUTH, name), rel=0.15)
 
     def test_what_is_badly_known_is_said(self, found):
-        said = [w.split()[0] for w in found.warnings if "weakly" in w or "not identified" in w]
-        assert said == ["exposure_fwhm_z_um"]
-        assert set(found.intervals.profiled) <= set(said)
+        said = next(w for w in found.warnings if OPEN in w or WEAK in w)
+        assert said.partition(": ")[2].startswith("exposure_fwhm_z_um ") and "crosslink" not in said.partition(" µm")[0]
+        assert set(found.intervals.profiled) <= {"exposure_fwhm_z_um"}
+        assert len(found.warnings) <= 3 and all(len(w.split(": ")) >= 2 for w in found.warnings)
 
     def test_bounds_and_intervals_stand_in_the_parameters(self, found):
         assert set(found.parameters.intervals) == set(found.parameters.bounds) == set(declarations(Paper))

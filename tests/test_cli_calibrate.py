@@ -186,9 +186,10 @@ def test_a_parameter_at_its_bound_is_not_identified(call, tmp_path, folder):
     words = ["--pair", "target.tif", "aligned.tif", *KAPPAS, "-p", "low.yaml", "--report", tmp_path / "r.yaml"]
     result = call(*words)
     assert result.exit_code == 0, result.output
-    assert "shrinkage_max is at its bound 0.92" in result.stderr
+    assert "at a bound: shrinkage_max 0.92" in result.stderr and "diagnose says what" in result.stderr
     found = read_yaml(tmp_path / "r.yaml")["parameters"]
-    assert found["shrinkage_max"]["high"] - found["shrinkage_max"]["low"] < 0.2
+    ends = found["shrinkage_max"]["low"], found["shrinkage_max"]["high"]
+    assert ends == (None, None) or 0 < ends[1] - ends[0] < 0.2
     assert found["shrinkage_max"]["identified"] is False
     assert found["shrinkage_min"]["identified"] is True
 

@@ -48,11 +48,11 @@ def correlation(fit: Fit, k: int) -> float:
 
 def _parameter(found: Calibration, k: int) -> dict[str, Any]:
     name, free = found.free.names[k], found.free
-    low, high = found.intervals.ends[k]
+    low, high = found.intervals.ends[k] if np.ptp(found.intervals.ends[k]) > 0 else (None, None)
     return {
         "value": _short(found.end.vector[k]),
-        "low": _short(low),
-        "high": _short(high),
+        "low": None if low is None else _short(low),
+        "high": None if high is None else _short(high),
         "standard_error": _short(min(found.intervals.sd[k], free.high[k] - free.low[k])),
         "interval_from": "profile" if name in found.intervals.profiled else "linear",
         "identified": found.identified[name],

@@ -31,6 +31,8 @@ EDGE_SHARE = 1e-3
 OFF_SD = 2.5
 """A recording lies off its target where its shift is this many standard deviations of its prior, or a pixel."""
 
+OPEN, WEAK = "not identified by these structures", "only weakly known"
+
 RELATIVE_ONLY = "learned from relative heights only (no substrate in view): relief is known, total height is not"
 
 
@@ -42,7 +44,10 @@ def cautions_of(recordings: Sequence[Recording]) -> list[str]:
 def warnings_of(
     end: Fit, found: Intervals, determined: np.ndarray, directions: Sequence[Mapping[str, float]]
 ) -> list[str]:
-    """Return what the user should know before trusting the parameters.
+    """Return what the user should know before trusting the parameters: at most three sentences.
+
+    Each says what is the matter, what it means, and what to do: of parameters at their bounds, of those that these
+    structures hardly tell, and of the recordings and how they were read.
 
     Parameters
     ----------
@@ -53,13 +58,36 @@ def warnings_of(
     directions : sequence of mapping
         Changes that are left open, name to µm or 1.
     """
-    free, said = end.free, []
-    for k, name in enumerate(free.names):
-        bounds = float(free.low[k]), float(free.high[k])
-        unit = fittable(free.base)[name].unit
-        said += _about(name, unit, float(end.vector[k]), found.ends[k], bounds, determined=bool(determined[k]))
-    said += [f"the data leave open: {combination(free, direction)}" for direction in directions]
-    return said + _about_pixels(end, found) + _about_shifts(end)
+    free = end.free
+    known = zip(free.names, end.vector, found.ends, free.low, free.high, determined, strict=True)
+    kinds: dict[str, list[str]] = {"bound": [], "open": [], "weak": []}
+    for name, value, interval, low, high, told in known:
+        kind, text = _about(name, float(value), interval, (float(low), float(high)), determined=bool(told))
+        if kind:
+            kinds[kind].append(f"{name} {text}{_unit(fittable(free.base)[name].unit)}")
+    return [*_about_bounds(kinds["bound"]), *_about_knowledge(free, kinds, directions), *_about_recordings(end, found)]
+
+
+def _about_bounds(stopped: list[str]) -> list[str]:
+    if not stopped:
+        return []
+    return [
+        f"at a bound: {', '.join(stopped)}: the fit was stopped there, so that the value stands in for something that "
+        "the model lacks; diagnose says what, or widen the bounds if they are not physical"
+    ]
+
+
+def _about_knowledge(
+    free: Free, kinds: Mapping[str, list[str]], directions: Sequence[Mapping[str, float]]
+) -> list[str]:
+    said = [f"{words}: {', '.join(kinds[kind])}" for kind, words in (("open", OPEN), ("weak", WEAK)) if kinds[kind]]
+    together = [f"the data leave open {combination(free, direction)}" for direction in directions[:1]]
+    if not said and not together:
+        return []
+    return [
+        f"{'; '.join([*said, *together])}: parts like these are predicted all the same, taller or finer ones may not "
+        "be; add a recording with other heights and widths (design stairs)"
+    ]
 
 
 def identified(free: Free, vector: np.ndarray, found: Intervals, known: Mapping[str, Prior]) -> np.ndarray:
@@ -87,28 +115,24 @@ def nuisances_um(end: Fit, k: int) -> dict[str, float]:
     return {name: float(value) * lever[name] for name, value in found}
 
 
-def combination(free: Free, direction: dict[str, float]) -> str:
+def combination(free: Free, direction: Mapping[str, float]) -> str:
     """Say one open direction: parameters that can move together without the fit telling."""
     moves = [f"{name} by {change:+.2g}{_unit(fittable(free.base)[name].unit)}" for name, change in direction.items()]
-    return moves[0] + (" together with " + ", ".join(moves[1:]) if len(moves) > 1 else "") + " changes hardly anything"
+    return moves[0] + (" together with " + ", ".join(moves[1:]) if len(moves) > 1 else "")
 
 
 def _about(
-    name: str, unit: str, value: float, interval: np.ndarray, bounds: tuple[float, float], *, determined: bool
-) -> list[str]:
+    name: str, value: float, interval: np.ndarray, bounds: tuple[float, float], *, determined: bool
+) -> tuple[str, str]:
+    """Return whether a parameter is at a bound, open or weak (else nothing), and its value or interval."""
     low, high = bounds
-    span = f"95 % interval {interval[0]:.3g} to {interval[1]:.3g}{_unit(unit)}"
-    said, edge, wide = [], EDGE_SHARE * (high - low), interval[1] - interval[0] > UNKNOWN_SHARE * (high - low)
-    if at_bound := (value - low < edge or high - value < edge):
-        bound = low if value - low < edge else high
-        said.append(f"{name} is at its bound {bound:g}{_unit(unit)}: the fit wants it beyond what is physical")
-    if wide:
-        said.append(f"{name} is not identified by these structures ({span})")
-    elif not (determined or at_bound):
-        said.append(f"{name} is not identified by these structures ({span}, known beforehand)")
-    elif max(interval[1] - value, value - interval[0]) > WEAK_SHARE * abs(value):
-        said.append(f"{name} is only weakly constrained by these structures ({span})")
-    return said
+    edge, wide = EDGE_SHARE * (high - low), interval[1] - interval[0] > UNKNOWN_SHARE * (high - low)
+    if value - low < edge or high - value < edge:
+        return "bound", f"{low if value - low < edge else high:g}"
+    span = f"{interval[0]:.3g} to {interval[1]:.3g}"
+    if wide or not determined:
+        return "open", span
+    return ("weak", span) if max(interval[1] - value, value - interval[0]) > WEAK_SHARE * abs(value) else ("", "")
 
 
 def width_if_square(fwhm_um: float, pitch_um: float) -> float:
@@ -129,8 +153,13 @@ def width_if_square(fwhm_um: float, pitch_um: float) -> float:
     return float(sigma * FWHM_PER_SIGMA * pitch_um)
 
 
+def _about_recordings(end: Fit, found: Intervals) -> list[str]:
+    """Say which recordings lie off their targets, and where the reading of a pixel moves the width of the focus."""
+    said = [*_about_shifts(end), *_about_pixels(end, found)]
+    return ["; ".join(said)] if said else []
+
+
 def _about_pixels(end: Fit, found: Intervals) -> list[str]:
-    """Say where the reading of a pixel moves the width of the focus out of its interval."""
     place = end.free.index("exposure_fwhm_xy_um")
     if place is None or end.parameters.readings.pixels == "squares":
         return []
@@ -140,8 +169,8 @@ def _about_pixels(end: Fit, found: Intervals) -> list[str]:
     if found.ends[place, 0] <= other <= found.ends[place, 1]:
         return []
     return [
-        f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: here the part is smooth between them; "
-        f"were they written as squares (readings: {{pixels: squares}}), it would be {other:.2g} µm"
+        f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: it would be {other:.2g} µm, were they "
+        "written as squares (then say readings: {pixels: squares}) and not smooth between them"
     ]
 
 

@@ -194,6 +194,7 @@ def _say(output: Path, found: Calibration) -> None:
         f"{found.work['fit']:.0f} predictions' worth of work"
     )
     for name, value, (low, high) in zip(found.free.names, found.end.vector, found.intervals.ends, strict=True):
-        say(f"  {name:<24} {value:8.4f}  95 % {low:.4f} to {high:.4f}")
+        known = f"95 % {low:.4f} to {high:.4f}" if high > low else "at its bound"
+        say(f"  {name:<24} {value:8.4f}  {known}")
     for text in found.warnings:
         warn(text)

@@ -79,7 +79,7 @@ def _lower(objective: Objective, now: Fit, vector: np.ndarray, damping: float) -
     trial = objective.at(now.free, vector, now)
     if trial.cost >= now.cost:
         trial = objective.at(now.free, _along_bend(now, trial, damping), trial)
-    return trial if trial.cost < now.cost else None
+    return trial if trial.cost < now.cost and not np.array_equal(trial.vector, now.vector) else None
 
 
 def _along_bend(now: Fit, trial: Fit, damping: float) -> np.ndarray:
