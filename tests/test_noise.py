@@ -7,7 +7,8 @@ from dlwpredict.align.pose import Pose
 from dlwpredict.align.resample import prepared, resample
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
-from dlwpredict.noise.estimate import _at, estimate
+from dlwpredict.noise.estimate import estimate
+from dlwpredict.noise.likelihood import model_at
 from dlwpredict.noise.lines import Lines
 from dlwpredict.noise.unevenness import Ground, Uneven, Unevenness, grown
 from dlwpredict.noise.whitening import Neighbourhood, Whitener
@@ -246,7 +247,7 @@ def test_whitening_is_undone(holes):
 
 def test_a_place_is_a_share_a_length_and_a_scale():
     """Three quarters of the variance 0.01 are correlated over 2 µm."""
-    model = _at(NOISE, np.array([np.log(3.0), np.log(2.0), np.log(0.1)]))
+    model = model_at(NOISE, np.array([np.log(3.0), np.log(2.0), np.log(0.1)]))
     assert (model.white_um, model.correlated_um, model.length_um) == pytest.approx((0.05, 0.1 * np.sqrt(0.75), 2.0))
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.estimate import GRAINS_PX, SMOOTHNESSES, NoiseEstimate, estimate
+from dlwpredict.noise.estimate import NoiseEstimate, estimate
+from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES
 from dlwpredict.noise.unevenness import Ground, Uneven
 from dlwpredict.parallel import ALONE, Workers
 
