@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-import scipy  # parts that few predictions need are imported on first use: they take longer than a small prediction
-from scipy import fft
+import scipy  # its parts are imported on first use: each takes longer than a small prediction, and most need none
 
 FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
 """FWHM of a Gaussian of standard deviation 1. The paper writes σ for what are FWHMs."""
@@ -26,6 +25,9 @@ NOTHING = 1e-12
 
 BLOCK_PX = 64
 """Pixels of a line that one matrix product gives: a convolution by blocks is several times quicker than tap by tap."""
+
+NEWTON_STEPS = 60
+"""Enough for the narrowest kernels, where every step first gains little more than a unit of the exponent."""
 
 _ARTANH_ERF = (0.79786971, 0.036392286, -8.7826621e-5, -3.6693431e-5, 1.425005e-6)
 """artanh(2Φ(x) − 1) / x as a polynomial in x², fitted for the smallest error of Φ up to 6; it rises beyond."""
@@ -86,10 +88,11 @@ def gaussian_taps(sigma_px: float) -> np.ndarray:
 
     exponent = 0.5 / sigma_px**2
     if sigma_px < 1:
-        low, high = 0.5 / (sigma_px + 0.5) ** 2, exponent
-        while taps(high) @ squares > sigma_px**2:
-            high *= 2
-        exponent = scipy.optimize.brentq(lambda a: taps(a) @ squares - sigma_px**2, low, high, xtol=1e-14, rtol=1e-13)
+        exponent = 0.5 / (sigma_px + 0.5) ** 2  # too wide; from there Newton's steps never overshoot: Σ n² w is convex
+        for _ in range(NEWTON_STEPS):
+            weights = taps(exponent)
+            variance = weights @ squares
+            exponent += (variance - sigma_px**2) / (weights @ squares**2 - variance**2)
     kernel = taps(exponent)
     kernel.setflags(write=False)
     return kernel
@@ -189,13 +192,46 @@ def sparse_means(count: int, sigma_px: float, finer: int = 1) -> tuple[np.ndarra
         half = int(np.ceil((count - 1) / 2 / step)) + 3
         points = (count - 1) / 2 + step * np.arange(-half, half + 1)  # a mirrored map has mirrored points
         down = np.exp(-(((points[:, None] - pixels) / sigma_px) ** 2) / 2) / (sigma_px * np.sqrt(2 * np.pi))
-    spline = scipy.interpolate.make_interp_spline(points, np.eye(len(points)), k=3)
-    up = spline((np.arange(finer * count) + 0.5) / finer - 0.5)
+    wanted = (np.arange(finer * count) + 0.5) / finer - 0.5
+    up = spline_matrix(len(points), (wanted - points[0]) / (points[1] - points[0]))
     for matrix in (down, up):
         # in single precision the least of them would be denormal numbers, with which a product takes many times longer
         matrix[np.abs(matrix) < NOTHING] = 0
         matrix.setflags(write=False)
     return down, up
+
+
+def spline_matrix(count: int, places: np.ndarray) -> np.ndarray:
+    """Return what a cubic spline through values at 0, 1, …, count − 1 reads at places between them.
+
+    The one that SciPy makes (its third derivative goes through the first and the last inner value), without loading
+    SciPy's splines, which takes longer than a small prediction.
+
+    Returns
+    -------
+    numpy.ndarray, shape (places, count)
+
+    Examples
+    --------
+    >>> from scipy.interpolate import make_interp_spline
+    >>> places = np.linspace(0, 6, 50)
+    >>> expected = make_interp_spline(np.arange(7.0), np.eye(7), k=3)(places)
+    >>> bool(np.abs(spline_matrix(7, places) - expected).max() < 1e-12)
+    True
+    """
+    bend = np.eye(count, k=-1) + 4 * np.eye(count) + np.eye(count, k=1)
+    rise = 6 * (np.eye(count, k=-1) - 2 * np.eye(count) + np.eye(count, k=1))
+    bend[[0, -1]], rise[[0, -1]] = 0, 0
+    bend[0, :3], bend[-1, -3:] = (1, -2, 1), (1, -2, 1)
+    bends = np.linalg.solve(bend, rise)  # second derivatives at the values
+    left = np.clip(np.floor(places).astype(int), 0, count - 2)
+    t = (places - left)[:, None]
+    values = np.eye(count)
+    return (
+        (1 - t) * values[left]
+        + t * values[left + 1]
+        + (((1 - t) ** 3 - (1 - t)) * bends[left] + (t**3 - t) * bends[left + 1]) / 6
+    )
 
 
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
@@ -213,6 +249,7 @@ def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
     (xx, xy), (_, yy) = covariance_px
     rows, cols = planes.shape[-2:]
     reach = int(np.ceil(REACH_SIGMAS * np.sqrt(max(xx, yy))))
+    fft = scipy.fft
     shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, cols)]
     fx, fy = fft.rfftfreq(shape[1]), -fft.fftfreq(shape[0])[:, None]
     transfer = np.exp(-2 * np.pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2))

@@ -1,5 +1,8 @@
 """The commands predict and precompensate, through the whole program."""
 
+import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -135,3 +138,19 @@ def test_options_at_fault_are_named(folder, words, said):
 
 def test_unknown_method_is_a_wrong_call(folder):
     assert dlw("predict", folder / "target.tif", "-o", folder / "out.tif", "--method", "guess").exit_code == 2
+
+
+def test_a_small_prediction_loads_no_more_of_scipy_than_it_needs(tmp_path):
+    """Loading its splines and optimisers takes three times as long as the prediction."""
+    write_height_map(tmp_path / "t.tif", designs.air(size_um=5, pitch_um=0.5, margin_um=2))
+    words = ["dlwpredict", "predict", str(tmp_path / "t.tif"), "-o", str(tmp_path / "o.tif"), "--quiet"]
+    program = (
+        f"import sys; sys.argv = {words!r}\n"
+        "from dlwpredict.cli import main\n"
+        "try:\n    main()\n"
+        "except SystemExit as end:\n    assert not end.code\n"
+        "print(sorted(name for name in sys.modules if name.startswith('scipy.') and name.count('.') == 1))"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    loaded = ast.literal_eval(ended.stdout)
+    assert {"scipy.optimize", "scipy.interpolate", "scipy.special", "scipy.ndimage", "scipy.fft"}.isdisjoint(loaded)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy import special
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.layers import Columns, Layers
@@ -199,12 +199,17 @@ def _levels_around(exposure: _Exposure, least: float, most: float, dose: float, 
     heights = exposure.heights_um
     lowest, highest = float(heights.min()), float(heights.max())
     widest = _widest_um(exposure.focus, highest)
-    above = min(max(-special.ndtri(min(least / dose, 0.5)), 0.0), ABOVE_SIGMAS) * widest
+    above = min(max(-_quantile(min(least / dose, 0.5)), 0.0), ABOVE_SIGMAS) * widest
     if lowest > 0 and exposure.columns is None:
-        bottom = int(max(lowest - max(special.ndtri(most) * widest, 0.0), 0) / step - _ROUNDING) - 1
+        bottom = int(max(lowest - max(_quantile(most) * widest, 0.0), 0) / step - _ROUNDING) - 1
     else:
         bottom = _lowest_level(heights, widest, step)
     return bottom, int((highest + above) / step + _ROUNDING) + 3
+
+
+def _quantile(share: float) -> float:
+    """Return Φ⁻¹; seven standard deviations stand for all that lies beyond."""
+    return NormalDist().inv_cdf(min(max(share, _TINY), 1 - _TINY))
 
 
 def _margin(exposure: np.ndarray, wanted: np.ndarray) -> np.ndarray:
