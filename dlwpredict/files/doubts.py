@@ -15,6 +15,10 @@ from dlwpredict.files.provenance import Run
 from dlwpredict.heightmap import HeightMap
 
 _ALIKE, _UNLIKE = 0.5, 0.3  # correlations
+
+PART = 0.05
+"""Share of a map that a part must cover for its relief alone to be compared."""
+
 _ALREADY = {
     ("align", "align"): "is levelled and on a target's grid already: align the recording itself",
     ("precompensate", "precompensate"): "is corrected already: correct the target itself",
@@ -82,9 +86,10 @@ def disagreement(target: HeightMap, recording: HeightMap) -> list[str]:
         return []
     square = target.shape[0] == target.shape[1] and np.isclose(target.dx_um, target.dy_um)
     measured = np.where(recording.measured, recording.heights_um, np.nan)
-    likeness = {
-        how: _correlation(target.heights_um, turn(measured)) for how, (turn, free) in _TURNS.items() if square or free
-    }
+    wanted = target.heights_um  # beside a block its outline outweighs all relief on it, and looks alike all round
+    if (part := wanted > 0).mean() > PART and np.ptp(wanted[part]) > 0:
+        wanted = np.where(part, wanted, np.nan)
+    likeness = {how: _correlation(wanted, turn(measured)) for how, (turn, free) in _TURNS.items() if square or free}
     as_it_lies = likeness.pop("")
     how, best = max(likeness.items(), key=lambda item: item[1])
     if best > max(_ALIKE, as_it_lies + 0.1):

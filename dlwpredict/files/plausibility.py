@@ -70,7 +70,7 @@ def clipping(height_map: HeightMap) -> list[str]:
 
 
 def require_unclipped(height_map: HeightMap) -> None:
-    """Refuse a recording much of which stands at its lowest or highest height.
+    """Refuse a recording much of which stands at its lowest or highest height; a design is none.
 
     Raises
     ------
@@ -78,7 +78,9 @@ def require_unclipped(height_map: HeightMap) -> None:
         More than a hundredth of its points do.
     """
     heights = height_map.heights_um[~np.isnan(height_map.heights_um)]
-    for name, end in _ends(heights) if np.unique(heights).size > CONTINUOUS_HEIGHTS else ():
+    if np.mean(heights == 0) > WRITTEN_SUBSTRATE or np.unique(heights).size <= CONTINUOUS_HEIGHTS:
+        return
+    for name, end in _ends(heights):
         share = float(np.mean(heights == end))
         if share > MOSTLY_CLIPPED:
             raise InputError(
