@@ -167,7 +167,7 @@ class TestLines:
         return estimate(values, used, (0.3, 0.3), level, ground=Ground(axes=axes), seed=1).model
 
     def test_drift_hum_and_tilts_are_told_apart(self):
-        found = [self.estimated(Lines(0.002, 0.005, 8.0, 0.006, 30.0, 4.5, 0.0057), seed).rows for seed in range(3)]
+        found = [self.estimated(Lines(0.002, 0.005, 4.0, 0.006, 30.0, 4.5, 0.0057), seed).rows for seed in range(3)]
         assert np.median([one.period_lines for one in found]) == pytest.approx(4.5, rel=0.03)
         assert np.median([one.hum_um for one in found]) == pytest.approx(0.006, rel=0.25)
         assert np.median([one.tilt_um for one in found]) == pytest.approx(0.0057, rel=0.15)

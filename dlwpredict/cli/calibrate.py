@@ -30,7 +30,8 @@ from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.objective import Fit, Work
-from dlwpredict.infer.recording import Recording, prepare
+from dlwpredict.infer.pixels import working_factor
+from dlwpredict.infer.recording import Recording, coarser, prepare
 from dlwpredict.walls import WALL_PX
 
 COMMAND = "calibrate"
@@ -76,6 +77,12 @@ def run(
         typer.Option("--priors/--no-priors", help="Use what is known beforehand, or data alone."),
     ] = True,
     wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
+    working_pitch_um: Annotated[
+        float | None,
+        typer.Option(
+            help="Pixels that the fit works on; chosen by what focus and noise allow if absent.", **options.LENGTH
+        ),
+    ] = None,
     profile: Annotated[
         bool, typer.Option("--profile", help="Likelihood profile for every weakly known parameter, not just the worst.")
     ] = False,
@@ -98,7 +105,11 @@ def run(
     start = read_parameters(parameters)
     with blaming(parameters or "calibrate"):
         moving = choose(start, fix=fix or (), free=free or ())
+    if working_pitch_um is not None and not working_pitch_um > 0:
+        raise InputError(f"found {working_pitch_um:g}", key="--working-pitch-um", allowed="allowed: above 0")
     recordings = [_prepared(*files, wall_px=wall_px, free_shift=free_shift) for files in pairs]
+    if method is Method.fast:
+        recordings = [coarser(one, working_factor(one.target, start, working_pitch_um)) for one in recordings]
     with _progress() as show, _rescued(output) as watch:
         found = calibrate(
             recordings,
