@@ -15,8 +15,8 @@ LEVEL = 0.01
 """Probability that even noise is called uneven, each way of being so."""
 
 RED_LINES = 1.0, 8.0
-"""Lines after which a drift is forgotten by 1/e, that are looked for. What drifts more slowly is not told from relief: of a
-real print, misfit passed for a drift of 26 nm over 60 lines, which then explained it away."""
+"""Lines after which a drift is forgotten by 1/e, that are looked for. What drifts more slowly is not told from relief:
+of a real print, misfit passed for a drift of 26 nm over 60 lines, which then explained it away."""
 
 HUM_PERIODS = 2.0, 40.0
 """Periods of a hum, in lines, that are looked for."""
