@@ -72,7 +72,7 @@ CALLS = {
     "verify": [("verify", "MAP")],
 }
 NO_FILES = {"effects"}
-OWN_TESTS = {"batch", "report"}
+OWN_TESTS = {"batch", "report", "init"}
 """They take a manifest and a folder; their own tests walk those."""
 
 CASES = [

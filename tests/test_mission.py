@@ -34,13 +34,11 @@ MISSED = {
 """A lag shorter than a pixel is taken for astigmatism. A slope error has a rival within 4 % of its gain, less than a
 form is trusted to: an offset of the interface, with a threshold of 0.22."""
 
-OFF = {
-    "galvo-lag": "not named",
-    "instrument-blur": "3 % beside its interval",
-}
-"""Those whose strength comes out beside its interval: a blur hardly wider than two pixels is 3 % too wide."""
+OFF = {"galvo-lag": "not named"}
+"""Those whose strength comes out beside its interval."""
 
 DEAR = {
+    "slope-error": "515 predictions: its rival, an offset of the interface, is converged too",
     "galvo-lag": "what no form fits is looked for among many",
     "instrument-blur": "552 predictions: a second start from the paper's focus",
 }

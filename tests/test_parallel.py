@@ -110,9 +110,9 @@ def alive(pid: int) -> bool:
 def test_a_diagnosis_is_that_of_one_process(workers):
     """Down to the last figure: what is found must not hang on how many cores a machine has."""
     target = designs.cin(size_um=20, pitch_um=0.5, margin_um=2)
-    bent = ParameterSet(effects=(library()["print-field-curvature"](sag_um=2.0),))
+    dried = ParameterSet(effects=(library()["edge-drying"](depth_um=0.5),))
     noise = np.random.default_rng(4).normal(0, 0.004, target.shape)
-    pair = prepare(target, target.with_heights(predict(target, bent).heights_um + noise))
+    pair = prepare(target, target.with_heights(predict(target, dried).heights_um + noise))
     alone, shared = (diagnose([pair], ParameterSet(), course=Course(workers=those)) for those in (Workers(), workers))
     assert content_of(shared) == content_of(alone)
     assert alone.named

@@ -102,7 +102,7 @@ def title(run: Run) -> str:
 
     Examples
     --------
-    >>> title(Run("runs", tuple(Structure(name, None, []) for name in ("air", "cin")), {}, {}, []))
+    >>> title(Run("runs", tuple(Structure(name, None, []) for name in ("air", "cin")), {}, {}, {}, (), ()))
     'air and cin: target, print, correction'
     """
     names = [structure.name for structure in run.structures]
