@@ -175,6 +175,14 @@ def test_figures_are_those_of_the_score_command(run, tmp_path):
     assert all(one not in text.partition("Figures")[0] for one in whole)
 
 
+def test_of_relative_heights_the_headline_is_about_their_mean(tmp_path):
+    """A millimetre of offset is nobody's error."""
+    away = replace(TARGET, heights_um=printed().heights_um + 1e3, height_reference="relative")
+    text, _ = text_of(put(tmp_path / "some", target=TARGET, aligned=away))
+    lead = text.partition("Figures")[0]
+    assert "mean difference taken off" in lead and "1.00e" not in lead and re.search(r"the print is \d+ nm off", lead)
+
+
 def test_a_target_without_a_print_has_no_figures(tmp_path):
     assert figures(read_run(put(tmp_path / "bare", target=TARGET)).structures[0]) == []
 

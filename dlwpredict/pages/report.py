@@ -31,6 +31,9 @@ MOST_PIXELS = 800_000
 AWAY = "away from walls and rim"
 """The region of every headline; the whole part stands in the table alone."""
 
+RELATIVE = "relative"
+"""Heights without a known zero, and the note of figures that hold a free offset."""
+
 MOST_LEADS = 3
 """Structures that the page leads with; more are summed up in lines."""
 
@@ -163,7 +166,7 @@ def _compared(
         away = asdict(score(reference, test, left_out=~stands | near_walls_or_rim(part)))
     except ResultError:
         away = {}
-    note = "relative" if found.height_reference == "relative" else ""
+    note = RELATIVE if found.height_reference == RELATIVE else ""
     return Figures(structure, name, against, asdict(found), away, note)
 
 
@@ -194,12 +197,17 @@ def _ends(structure: str, rows: list[Figures]) -> list[Figures]:
     return prints[:1] if len(prints) < 2 else [prints[0], prints[-1]]
 
 
+def _error_um(row: Figures, values: dict[str, float | None]) -> float:
+    """Return the rms error, about its mean where heights are relative: their zero is nobody's."""
+    return float(values["rmse_offset_free_um" if row.note == RELATIVE else "rmse_um"])
+
+
 def numbers(ends: list[Figures]) -> list[tuple[str, str]]:
     """Return how far the first and the last print are off the target, and how many times closer the last one is.
 
     All away from walls and rim, where anything lies there.
     """
-    errors = [float((row.away or row.values)["rmse_um"]) for row in ends]
+    errors = [_error_um(row, row.away or row.values) for row in ends]
     named = zip(("print off target", "corrected print off target"), errors, strict=False)
     found = [(name, words.length(error)) for name, error in named]
     if len(errors) == 2 and errors[1] > 0:
@@ -213,8 +221,9 @@ def summary(structure: str, rows: list[Figures]) -> str:
     if not ends:
         return ""
     where = AWAY if all(row.away for row in ends) else "over the whole part"
-    errors = [words.length(float((row.away if where == AWAY else row.values)["rmse_um"])) for row in ends]
-    said = f"{structure}: the print is {errors[0]} off its target (rms, {where})"
+    errors = [words.length(_error_um(row, row.away if where == AWAY else row.values)) for row in ends]
+    free = ", mean difference taken off" if any(row.note == RELATIVE for row in ends) else ""
+    said = f"{structure}: the print is {errors[0]} off its target (rms, {where}{free})"
     return said + (f"; printed again from the corrected design it is {errors[1]} off." if len(errors) == 2 else ".")
 
 
