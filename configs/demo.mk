@@ -46,7 +46,8 @@ $(DEMO)/found.yaml $(DEMO)/diagnosis.yaml &: configs/paper-defaults.yaml $(DEMO_
 	  -p $< -o $(DEMO)/diagnosis.yaml --params-out $(DEMO)/found.yaml --report $(DEMO)/diagnosis.html --no-advice --overwrite
 
 $(DEMO)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/found.yaml
-	$(DLW) precompensate $< -p $(DEMO)/found.yaml -o $@ --report $(@D)/precompensation.yaml --undecided print --overwrite
+	$(DLW) precompensate $< -p $(DEMO)/found.yaml -o $@ --report $(@D)/precompensation.yaml \
+	  --unreachable $(@D)/unreachable.tif --undecided print --overwrite
 
 $(SEVEN)/%/corrected.tif: $(DEMO)/%/target.tif $(DEMO)/process.yaml
 	@mkdir -p $(@D)

@@ -222,7 +222,8 @@ def precompensate(
             "no step lowers the error of the prediction", key="precompensate", allowed="check the parameters"
         )
     trial = limits.within(best.written + best.error, target)
-    reachable = ~footprint | ((silent < 2) & _answers(best, trial, error_of(trial), tolerated))
+    meant = np.abs(best.error) <= (steps_um(target) or 0.0) / 2  # a design in steps says nothing finer than half of one
+    reachable = ~footprint | meant | ((silent < 2) & _answers(best, trial, error_of(trial), tolerated))
     final = limits.sliced(best.written, footprint)
     error = best.error if final is best.written else error_of(final)
     return Precompensation(

@@ -118,3 +118,16 @@ class TestLimits:
         target = HeightMap(np.where(self.footprint, 1.5, 0.0).repeat(2, axis=0), 1.0, 1.0)
         clipped = Limits(maximum_um=2.0).within(np.array([[-1.0, 1.0, 1.0, 9.0]] * 2), target)
         np.testing.assert_allclose(clipped, [[0.03, 1.0, 0.0, 2.0]] * 2)
+
+
+def test_a_design_in_steps_is_reached_within_half_a_step(relief):
+    """A print that smooths its steps away has what the design means; a wall of many steps stays out of reach."""
+    steps = relief.with_heights(np.round(relief.heights_um / 0.5) * 0.5)
+
+    def smooths(written):
+        return written.with_heights(blur(written.heights_um, 1.5, 1.5))
+
+    found = precompensate(steps, smooths, most_predictions=4)
+    away = np.abs(found.error_um) <= 0.25
+    assert found.reachable[away].all()
+    assert not found.reachable[~away].all()

@@ -22,7 +22,7 @@ from dlwpredict.files.provenance import note_input, origin, running
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.pages.relief import relief
 from dlwpredict.pages.report import changed_inputs, figures, page
-from dlwpredict.pages.report_pictures import pictures
+from dlwpredict.pages.report_pictures import pictures, reachable
 from dlwpredict.pages.run_folder import read_run
 from dlwpredict.pages.words import length as words_of
 from dlwpredict.parameters import ParameterSet
@@ -536,3 +536,14 @@ def test_from_above_the_surface_looks_like_the_map(tmp_path):
             assert (bright == expected)[within].mean() > 0.97
             assert (bright == expected[::-1])[within].mean() < 0.95
             assert (bright == expected[:, ::-1])[within].mean() < 0.95
+
+
+def test_what_no_correction_reaches_is_shown_apart_and_left_out_of_the_error(run):
+    missing = np.zeros(TARGET.shape)
+    missing[20:30, 20:30] = 0.2
+    assert "no correction mends" not in page(read_run(run))
+    put(run / "letter", unreachable=TARGET.with_heights(missing))
+    shown = page(read_run(run))
+    assert "grey: out of reach" in shown
+    assert "no correction mends" in shown
+    np.testing.assert_array_equal(np.isnan(reachable(TARGET, TARGET.with_heights(missing)).heights_um), missing > 0)

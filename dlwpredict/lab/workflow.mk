@@ -95,6 +95,7 @@ results/$(1)/target.tif: $(call found,targets,$(1)) $(call noted,target-$(1),$(C
 
 results/$(1)/corrected.tif: results/$(1)/target.tif $(PROCESS) $(call noted,correct-$(1),$(PROCESS) $(CORRECT) $(CORRECT_$(1)))
 	$$(DLW) precompensate $$< -p $(PROCESS) -o $$@ --report $$(@D)/precompensation.yaml \
+	  --unreachable $$(@D)/unreachable.tif \
 	  $$(CORRECT) $$(CORRECT_$(1)) --overwrite
 
 results/$(1)/corrected.stl: results/$(1)/corrected.tif $(call noted,export-$(1),$(EXPORT) $(EXPORT_$(1)))

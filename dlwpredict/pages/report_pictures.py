@@ -145,13 +145,37 @@ def _maps(one: Print, target: HeightMap | None, shared: Ranges, pixels: int) -> 
             continue
         limits = Surface(title, role, maps[role]).limits(shared)
         found.append(_map(maps[role], title, text, limits, shared.bar, pixels))
-        if role in ("aligned", "reprinted"):
+        if role == "reprinted" and "unreachable" in maps:
+            within = reachable(maps[role], maps["unreachable"])
+            title = "Print − target; grey: out of reach"
+            found += _difference(within, target, title, shared.error, shared.bar, pixels)
+        elif role in ("aligned", "reprinted"):
             found += _difference(maps[role], target, "Print − target", shared.error, shared.bar, pixels)
+        elif role == "corrected" and "unreachable" in maps:
+            found += _missing(maps["unreachable"], shared.error, shared.bar, pixels)
         if role == "predicted":
             found += _difference(
                 maps.get("aligned"), maps[role], "Print − prediction", shared.surprise, shared.bar, pixels
             )
     return found
+
+
+def reachable(height_map: HeightMap, unreachable: HeightMap) -> HeightMap:
+    """Return a map without the points that no correction reaches (`unreachable`: the height missing there, else 0)."""
+    if not height_map.same_grid(unreachable):
+        return height_map
+    return height_map.with_heights(np.where(unreachable.heights_um == 0, height_map.heights_um, np.nan))
+
+
+def _missing(unreachable: HeightMap, limit: float, bar: float, pixels: int) -> list[Picture]:
+    """Return the map of what a correction must leave missing; none where it reaches everything."""
+    if not unreachable.heights_um.any():
+        return []
+    figure, axes = map_axes()
+    show_difference(axes, coarser(unreachable, -unreachable.heights_um, pixels), limit_um=limit, bar_um=bar)
+    return [
+        Picture(uri(figure), "Out of reach", "print − target that no correction mends: walls, finer than the focus")
+    ]
 
 
 def _map(height_map: HeightMap, title: str, text: str, limits: tuple[float, float], bar: float, pixels: int) -> Picture:

@@ -1,9 +1,9 @@
 """A run folder, read for its report: files are known by their names and by what they hold.
 
 Height maps are known by name: ``target.tif``, ``written.tif``, ``recording.tif``, ``aligned.tif``, ``predicted.tif``,
-``corrected.tif``, ``reprinted.tif``, alone or after ``PART_``. YAML and JSON files are known by their content. A folder
-that holds more than a target is one print; folders ``g0, g1, ...`` are generations of the part in the folder above,
-and a folder ``PART--NOTE`` is another print of the part in the folder ``PART``.
+``corrected.tif``, ``reprinted.tif``, ``unreachable.tif``, alone or after ``PART_``. YAML and JSON files are known by
+their content. A folder that holds more than a target is one print; folders ``g0, g1, ...`` are generations of the part
+in the folder above, and a folder ``PART--NOTE`` is another print of the part in the folder ``PART``.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ MAPS = {
     "predicted": "predicted print",
     "corrected": "corrected design",
     "reprinted": "print of the corrected design",
+    "unreachable": "height missing where no correction reaches",
 }
 """Names of height maps, and what they are."""
 
