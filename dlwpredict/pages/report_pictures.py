@@ -173,9 +173,7 @@ def _missing(unreachable: HeightMap, limit: float, bar: float, pixels: int) -> l
         return []
     figure, axes = map_axes()
     show_difference(axes, coarser(unreachable, -unreachable.heights_um, pixels), limit_um=limit, bar_um=bar)
-    return [
-        Picture(uri(figure), "Out of reach", "print − target that no correction mends: walls, finer than the focus")
-    ]
+    return [Picture(uri(figure), "Out of reach", "print − target that no correction mends: walls, fine detail")]
 
 
 def _map(height_map: HeightMap, title: str, text: str, limits: tuple[float, float], bar: float, pixels: int) -> Picture:
