@@ -33,9 +33,6 @@ STREAMS = {"report": ".yaml"}
 FIGURES = True
 
 
-STEPPED = 0.9
-"""Share of the part in reach below which a design in steps is named."""
-
 LARGE = 0.05
 """Share of the first error above which what is left within reach is worth a warning."""
 
@@ -169,10 +166,10 @@ def run(
             f"{output}: {capped} points stand at {limits.maximum_um:.4g} µm, {HIGHEST:g} times the target's height, "
             "the most that is written: --maximum-um allows more"
         )
-    if not smooth_um and reached["fraction"] < STEPPED and (step := steps_um(part)):
+    if not smooth_um and (step := steps_um(part)):
         warn(
-            f"{target}: the design comes in steps of {step:g} µm, each a wall out of reach: --smooth-um keeps the "
-            "correction from following them"
+            f"{target}: the design comes in steps of {step:g} µm: --smooth-um keeps the correction from following "
+            "each as a wall"
         )
     if reached["largest_to_initial"] > LARGE:
         warn(f"stopped at {100 * reached['largest_to_initial']:.0f} % of the first error: {why(found, limits)}")
