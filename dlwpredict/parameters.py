@@ -137,14 +137,15 @@ class Readings:
     crosslink_reference : {"structure_maximum", "bulk"}
         What cross-linking is divided by before it is mapped to κ: its largest value in this structure (the
         paper, Eq. 3; κ then depends on the structure), or its value inside a large block (1).
-    pixels : {"points", "squares"}
+    pixels : {"points", "squares", "either"}
         What a pixel of a map is: a point of a smooth surface; or a square that is written as such, and whose height in
         a print is the mean over it. They differ by the variance p²/12 of a square of side p beside that of the focus.
+        Where nothing tells which, half way between them errs least, and intervals hold both.
     """
 
     threshold_reference: Literal["full_dose", "structure_maximum"] = "full_dose"
     crosslink_reference: Literal["structure_maximum", "bulk"] = "structure_maximum"
-    pixels: Literal["points", "squares"] = "points"
+    pixels: Literal["points", "squares", "either"] = "points"
 
     def __post_init__(self) -> None:
         for name, choices in READING_CHOICES.items():
@@ -155,11 +156,16 @@ class Readings:
                     allowed=f"allowed: {' or '.join(choices)}",
                 )
 
+    @property
+    def square_share(self) -> float:
+        """How much of a square a pixel is: 0 a point, 1 all."""
+        return {"points": 0.0, "either": 0.5, "squares": 1.0}[self.pixels]
+
 
 READING_CHOICES = {
     "threshold_reference": ("full_dose", "structure_maximum"),
     "crosslink_reference": ("structure_maximum", "bulk"),
-    "pixels": ("points", "squares"),
+    "pixels": ("points", "squares", "either"),
 }
 
 

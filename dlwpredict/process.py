@@ -57,14 +57,14 @@ def steps(
         Rows and columns of room around the map, which an instrument does not see.
     """
     p, readings = parameters.paper, parameters.readings
-    squares = readings.pixels == "squares"
+    square = readings.square_share
     chain = [
         Slicing(parameters.writing.slicing_um),
-        Exposure(p.exposure_fwhm_xy_um, p.exposure_fwhm_z_um, numerics, SQUARE_PX if squares else 0.0),
+        Exposure(p.exposure_fwhm_xy_um, p.exposure_fwhm_z_um, numerics, SQUARE_PX * np.sqrt(square)),
         Threshold(p.threshold, readings.threshold_reference),
         CrossLinking(p.crosslink_fwhm_xy_um, p.crosslink_fwhm_z_um),
         Shrinkage(p.shrinkage_min, p.shrinkage_max, readings.crosslink_reference),
-        *([PixelMean()] if squares else []),
+        *([PixelMean(square)] if square else []),
         *([FieldOfView(room_px)] if any(room_px) else []),
     ]
     added = [effect for effect in parameters.effects if as_measured or effect.stage != "recording"]

@@ -11,7 +11,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer import held_out
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, choose
-from dlwpredict.infer.intervals import NORMAL, curved, deviations, held, intervals, linear, profile
+from dlwpredict.infer.intervals import NORMAL, considered, curved, deviations, held, intervals, linear, profile
 from dlwpredict.infer.noises import compressed, noises, plane
 from dlwpredict.infer.null import COHERENT_UM, Null
 from dlwpredict.infer.objective import Fit, Nuisances, Objective
@@ -21,7 +21,7 @@ from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate
 from dlwpredict.noise.unevenness import Uneven, Unevenness
-from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
 
 SIDE = 40
@@ -213,3 +213,21 @@ class TestNoises:
         kept = compressed(np.stack([ONE[0], ramp, 3 * ramp - 2, 0 * ramp]), used)
         assert len(kept) == 2
         np.testing.assert_allclose(np.einsum("kij,lij->kl", kept, kept) / SIDE**2, np.eye(2), atol=1e-9)
+
+
+@pytest.mark.parametrize("reading", ["points", "squares"])
+def test_intervals_hold_how_pixels_may_be_read(reading):
+    """Without noise, a print of points or of squares is fitted a width off that is the doubt's, √3 standard deviations."""
+    truth = ParameterSet(paper=Paper(exposure_fwhm_xy_um=0.6), readings=Readings(pixels=reading))
+    target = designs.air(size_um=16, pitch_um=0.4, margin_um=2, seed=3)
+    printed = target.with_heights(predict(target, truth).heights_um)
+    free = choose(replace(truth, readings=Readings(pixels="either")), free=("exposure_fwhm_xy_um",))
+    objective = Objective((Whitened.of(prepare(target, printed), Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))),), {})
+    fitted = descend(objective, objective.differentiated(objective.at(free, free.start)))
+    off = abs(fitted.vector[0] - 0.6)
+    assert off == pytest.approx(np.sqrt(3) * considered(fitted)[0], rel=0.15) and off > 0.02
+
+
+def test_pixels_that_are_said_are_in_no_doubt():
+    fit = fit_of(ONE, ONE[0], WHITE, FREE)
+    assert considered(fit) == [0.0]

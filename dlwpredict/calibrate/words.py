@@ -161,7 +161,7 @@ def _about_recordings(end: Fit, found: Intervals) -> list[str]:
 
 def _about_pixels(end: Fit, found: Intervals) -> list[str]:
     place = end.free.index("exposure_fwhm_xy_um")
-    if place is None or end.parameters.readings.pixels == "squares":
+    if place is None or end.parameters.readings.pixels != "points":
         return []
     targets = [item.recording.target for item in end.data]
     pitch = max(max(target.dx_um, target.dy_um) for target in targets)

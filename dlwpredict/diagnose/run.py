@@ -21,7 +21,7 @@ from dlwpredict.diagnose.structure.spots import Bumps
 from dlwpredict.diagnose.structure.test import SINGLE, Model
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer import held_out
-from dlwpredict.infer.baseline import fitter_of, read_as_squares, rough
+from dlwpredict.infer.baseline import fitter_of, rough, unsaid
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.intervals import Intervals, intervals
@@ -217,11 +217,11 @@ def diagnose(
     check_points(recordings)
     course = course or Course()
     tell, keep, workers, work, stored = course.tell, course.keep, course.workers, course.work, course.stored
+    start = unsaid(start)
     free = freed(start, choose(start))
     tell(Stage.of("fit", "fitting the seven"))
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
     objective = Objective(first.data, PARAMETERS, work)
-    first = min(first, read_as_squares(first, objective), key=lambda fit: fit.cost)
     tell(Stage.of("signatures", "what each named effect would change"))
     signatures = {frozenset(): Signatures.of(first, (), work, workers)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]

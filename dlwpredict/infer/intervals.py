@@ -1,8 +1,9 @@
 """95 % intervals of what was fitted.
 
-Three things spread an estimate: noise, its model being an estimate too; what two honest computations differ by; and
-priors where the data leave a direction open. Whatever the noise model says, blocks of the residual show how much
-scatter there is along an estimator (a sandwich: White, Econometrica 48, 817, 1980); the larger of both is taken.
+Four things spread an estimate: noise, its model being an estimate too; what two honest computations differ by; priors
+where the data leave a direction open; and what is known by its prior alone. Whatever the noise model says, blocks of
+the residual show how much scatter there is along an estimator (a sandwich: White, Econometrica 48, 817, 1980); the
+larger of both is taken.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, fittable, with_values
 from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective
+from dlwpredict.infer.trace import trace
 from dlwpredict.parameters import ParameterSet
 
 NORMAL = 1.96
@@ -41,7 +43,26 @@ def deviations(fitted: Fit, null: Null) -> np.ndarray:
     noise = np.maximum(null.along(unit).var(axis=1), _sandwich(fitted, unit))
     open_to_priors = np.sum(unit[fitted.rows.data :] ** 2, axis=0)
     spread = np.sqrt(noise + numerical(fitted, unit) ** 2 + open_to_priors)
-    return np.where(known, lengths * spread, np.inf)
+    return np.where(known, np.hypot(lengths * spread, considered(fitted)), np.inf)
+
+
+def considered(fitted: Fit) -> np.ndarray:
+    """Return the standard deviation that the doubt about how pixels are read gives, shape (parameters,).
+
+    A print hardly shows which they are, less than computations differ by: so it is not fitted. Its prior, an even
+    chance anywhere between points and squares, passes through the estimators (a parameter that is considered, not
+    estimated: Schmidt, Adv. Control Syst. 3, 293, 1966).
+    """
+    process = fitted.parameters
+    if process.readings.pixels != "either":
+        return np.zeros(len(fitted.vector))
+    squares = replace(process, readings=replace(process.readings, pixels="squares"))
+    changes = []
+    for k, one in enumerate(fitted.traces):
+        seen = trace(fitted.data[k].recording.target, squares, one.numerics, one).heights_um
+        changes.append(fitted.seen(k, np.nan_to_num(seen - one.heights_um)[None]))
+    per_share = fitted.rows.stack(changes)[:, 0] / (1 - process.readings.square_share)
+    return np.sqrt(1 / 12) * np.abs(per_share @ fitted.estimators)
 
 
 def _sandwich(fitted: Fit, unit: np.ndarray) -> np.ndarray:

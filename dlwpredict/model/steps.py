@@ -99,12 +99,13 @@ WALL = 4.0
 
 @dataclass(frozen=True)
 class PixelMean:
-    """Average over pixels: t → t + (p²/24)·∇²t, the mean over a square of side p to third order.
+    """Average over pixels: t → t + share·(p²/24)·∇²t; the whole share is the mean over a square of side p, third order.
 
     Where a slope changes by more than `WALL` from pixel to pixel, no more is taken: where in a pixel
     a wall stands is not known.
     """
 
+    share: float = 1.0
     stage: ClassVar[str] = "recording"
 
     def __call__(self, printed: HeightMap) -> HeightMap:
@@ -114,4 +115,4 @@ class PixelMean:
             pitch * np.clip(np.diff(np.pad(heights / pitch, ends, mode="edge"), 2, axis), -WALL, WALL)
             for axis, pitch, ends in ((0, printed.dy_um, ((1, 1), (0, 0))), (1, printed.dx_um, ((0, 0), (1, 1))))
         )
-        return printed.with_heights(heights + sum(bends) / 24)
+        return printed.with_heights(heights + self.share * sum(bends) / 24)
