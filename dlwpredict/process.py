@@ -13,8 +13,8 @@ from dlwpredict.heightmap import TALLEST_UM, HeightMap
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import SQUARE_PX, STAGES, Numerics
 from dlwpredict.model.steps import CrossLinking, Exposure, PixelMean, Shrinkage, Slicing, Threshold
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
 
 WIDEST_FOCUS_PX = 1000
 """Pixels that a focus may reach over to either side. Beyond it a unit is wrong."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 
 from dlwpredict import designs
-from dlwpredict.diagnose.run import Course, Diagnosis, diagnose
+from dlwpredict.diagnosis.run import Course, Diagnosis, diagnose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Work
 from dlwpredict.infer.recording import prepare

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli.app import app
-from dlwpredict.diagnose.answer.advise import (
+from dlwpredict.diagnosis.answer.advise import (
     LEAST,
     MORE,
     SURE,
@@ -22,7 +22,7 @@ from dlwpredict.diagnose.answer.advise import (
     turned,
     viewed,
 )
-from dlwpredict.diagnose.answer.setups import Setup, new_designs
+from dlwpredict.diagnosis.answer.setups import Setup, new_designs
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map
 from dlwpredict.heightmap import HeightMap

@@ -11,7 +11,7 @@ from scipy import ndimage
 from typer.testing import CliRunner
 
 from dlwpredict import designs
-from dlwpredict.align import align
+from dlwpredict.alignment import align
 from dlwpredict.cli.app import app
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.heightmap import HeightMap

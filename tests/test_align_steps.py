@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
-from dlwpredict.align import align
-from dlwpredict.align.fill import fill, inside_hull
-from dlwpredict.align.level import find_plane, substrate
-from dlwpredict.align.plane import plane_columns, robust_fit
-from dlwpredict.align.pose import Pose, rotation_matrix
-from dlwpredict.align.resample import prepared, resample
-from dlwpredict.align.spikes import suspected_spikes
-from dlwpredict.align.uncertainty import block_covariance
+from dlwpredict.alignment import align
+from dlwpredict.alignment.fill import fill, inside_hull
+from dlwpredict.alignment.level import find_plane, substrate
+from dlwpredict.alignment.plane import plane_columns, robust_fit
+from dlwpredict.alignment.pose import Pose, rotation_matrix
+from dlwpredict.alignment.resample import prepared, resample
+from dlwpredict.alignment.spikes import suspected_spikes
+from dlwpredict.alignment.uncertainty import block_covariance
 from dlwpredict.heightmap import HeightMap
 
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from dlwpredict import designs
-from dlwpredict.align import align
+from dlwpredict.alignment import align
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 from tests.bench.recorder import Truth, record

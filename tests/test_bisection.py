@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from typer.testing import CliRunner
 
-from dlwpredict.bisection import triangles
 from dlwpredict.cli import app
 from dlwpredict.designs import air, cin, lens
 from dlwpredict.files import write_height_map
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.mesh import boundary_edges, largest_distance_um, solid_of
+from dlwpredict.solid.bisection import triangles
+from dlwpredict.solid.mesh import boundary_edges, largest_distance_um, solid_of
 
 
 def off_by(heights, found):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
-from dlwpredict.calibrate import calibrate
-from dlwpredict.calibrate.run import _open_directions
-from dlwpredict.calibrate.words import OPEN, WEAK, identified, nuisances_um, width_if_square
+from dlwpredict.calibration import calibrate
+from dlwpredict.calibration.run import _open_directions
+from dlwpredict.calibration.words import OPEN, WEAK, identified, nuisances_um, width_if_square
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose, value_of
@@ -218,7 +218,7 @@ def test_work_is_counted_and_places_are_shown(air, printed):
 
 def test_a_fit_never_ends_above_its_start(air, printed, monkeypatch):
     """The rough fit has another loss: where the start costs less than its end, the descent begins at the start."""
-    from dlwpredict.calibrate import run
+    from dlwpredict.calibration import run
 
     def astray(recordings, free, *rest, **options):
         recordings, first = rough(recordings, free, *rest, **options)

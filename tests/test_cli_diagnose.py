@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 from dlwpredict import designs
 from dlwpredict.cli.app import app
 from dlwpredict.cli.session import cautions
-from dlwpredict.diagnose.answer.words import kind_of_remainder, remainder
-from dlwpredict.diagnose.structure.columns import Columns
-from dlwpredict.diagnose.structure.ripple import Ripple
-from dlwpredict.diagnose.structure.spots import Spot
+from dlwpredict.diagnosis.answer.words import kind_of_remainder, remainder
+from dlwpredict.diagnosis.structure.columns import Columns
+from dlwpredict.diagnosis.structure.ripple import Ripple
+from dlwpredict.diagnosis.structure.spots import Spot
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters

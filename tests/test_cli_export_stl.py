@@ -12,7 +12,7 @@ from dlwpredict.errors import ResultError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.stl import read_triangles, write_solid
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.mesh import Solid, solid_of
+from dlwpredict.solid.mesh import Solid, solid_of
 
 
 def run(*arguments):

@@ -22,7 +22,7 @@ from dlwpredict.designs import (
 )
 from dlwpredict.designs.lenses import sphere
 from dlwpredict.errors import InputError
-from dlwpredict.score import roughness
+from dlwpredict.metrology.score import roughness
 
 EVERY_KIND = pytest.mark.parametrize("kind", KINDS)
 

@@ -7,13 +7,13 @@ import pytest
 from scipy import stats
 
 from dlwpredict import designs
-from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.library import signatures as signatures_of
-from dlwpredict.diagnose.library.candidates import NO_CANDIDATES, Bent, Candidate, candidates
-from dlwpredict.diagnose.library.hidden import answered
-from dlwpredict.diagnose.library.score import Linearised, Thresholds, thresholds
-from dlwpredict.diagnose.library.signatures import Signatures
-from dlwpredict.diagnose.posterior import Sets
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.library import signatures as signatures_of
+from dlwpredict.diagnosis.library.candidates import NO_CANDIDATES, Bent, Candidate, candidates
+from dlwpredict.diagnosis.library.hidden import answered
+from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
+from dlwpredict.diagnosis.library.signatures import Signatures
+from dlwpredict.diagnosis.posterior import Sets
 from dlwpredict.effects import library
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import choose

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.classes import named_in, strengths
-from dlwpredict.diagnose.library.candidates import Bent, Candidate
-from dlwpredict.diagnose.library.score import Linearised, Thresholds
-from dlwpredict.diagnose.posterior import Sets, Subset
-from dlwpredict.diagnose.search import FARTHEST, LEAST, START_SHARE, Search
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.classes import named_in, strengths
+from dlwpredict.diagnosis.library.candidates import Bent, Candidate
+from dlwpredict.diagnosis.library.score import Linearised, Thresholds
+from dlwpredict.diagnosis.posterior import Sets, Subset
+from dlwpredict.diagnosis.search import FARTHEST, LEAST, START_SHARE, Search
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.model import freed

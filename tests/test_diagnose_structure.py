@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
-from dlwpredict.diagnose import policy
-from dlwpredict.diagnose.structure.columns import Columns
-from dlwpredict.diagnose.structure.forms import Beside, Energy, Forms, agreement
-from dlwpredict.diagnose.structure.freeform import edge_distances, free_forms, smooth_forms, splines
-from dlwpredict.diagnose.structure.largest import p_of_largest
-from dlwpredict.diagnose.structure.places import WHERE, _box, locate, mismatch
-from dlwpredict.diagnose.structure.ripple import Ripple, ripple
-from dlwpredict.diagnose.structure.spots import Bumps, Spot, spot
-from dlwpredict.diagnose.structure.test import SINGLE, WAYS, Model
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.structure.columns import Columns
+from dlwpredict.diagnosis.structure.forms import Beside, Energy, Forms, agreement
+from dlwpredict.diagnosis.structure.freeform import edge_distances, free_forms, smooth_forms, splines
+from dlwpredict.diagnosis.structure.largest import p_of_largest
+from dlwpredict.diagnosis.structure.places import WHERE, _box, locate, mismatch
+from dlwpredict.diagnosis.structure.ripple import Ripple, ripple
+from dlwpredict.diagnosis.structure.spots import Bumps, Spot, spot
+from dlwpredict.diagnosis.structure.test import SINGLE, WAYS, Model
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.null import Null

@@ -8,17 +8,17 @@ import pytest
 from typer.testing import CliRunner
 
 from dlwpredict.cli.app import app
+from dlwpredict.correction.precompensate import precompensate
 from dlwpredict.effects import library
 from dlwpredict.errors import InputError
 from dlwpredict.files.parameters_yaml import parameters_as_dict, parameters_from, read_parameters
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.metrology.walls import near_walls
 from dlwpredict.model.states import STAGES
 from dlwpredict.model.voxels import Voxels
+from dlwpredict.numerics.smoothing import blur
 from dlwpredict.parameters import Paper, ParameterSet, declarations
-from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict, run, steps
-from dlwpredict.smoothing import blur
-from dlwpredict.walls import near_walls
 
 PITCH = 0.3
 PRINT = """

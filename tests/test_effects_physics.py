@@ -11,9 +11,9 @@ from dlwpredict.effects.dose_proximity import neighbourhood
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import Dose, Focus
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, lag
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict, run, steps
-from dlwpredict.smoothing import FWHM_PER_SIGMA, lag
 
 PITCH, TOP = 0.4, 6.0
 P, S_Z = 0.42, 1.5 / FWHM_PER_SIGMA

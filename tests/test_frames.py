@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dlwpredict import designs
-from dlwpredict.align import align
+from dlwpredict.alignment import align
 from dlwpredict.cli import app
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map

@@ -217,7 +217,7 @@ class TestNoises:
 
 @pytest.mark.parametrize("reading", ["points", "squares"])
 def test_intervals_hold_how_pixels_may_be_read(reading):
-    """Without noise, a print of points or of squares is fitted a width off that is the doubt's, √3 standard deviations."""
+    """Without noise, prints of points and of squares are fitted √3 standard deviations of the doubt off."""
     truth = ParameterSet(paper=Paper(exposure_fwhm_xy_um=0.6), readings=Readings(pixels=reading))
     target = designs.air(size_um=16, pitch_um=0.4, margin_um=2, seed=3)
     printed = target.with_heights(predict(target, truth).heights_um)

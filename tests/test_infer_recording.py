@@ -13,10 +13,10 @@ from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.priors import LATERAL, LEVELLING
 from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, trusted, without_spikes
 from dlwpredict.infer.trace import trace
+from dlwpredict.metrology.walls import near_walls
 from dlwpredict.model.levels import Levels
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
-from dlwpredict.walls import near_walls
 
 TRUTH = ParameterSet(paper=Paper(0.55, 1.7, 0.42, 6.0, 8.0, 0.74, 0.96))
 COMMON = {"pitch_um": 0.5, "margin_um": 4.0}

@@ -25,9 +25,9 @@ from dlwpredict.infer.whitened import STEEPEST, Whitened, bending, displacements
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
+from dlwpredict.numerics.smoothing import block_mean
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
-from dlwpredict.smoothing import block_mean
 
 NOISE = Noise(0.002, 0.004, 1.0, 0.4, 0.4)
 

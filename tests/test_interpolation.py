@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dlwpredict.interpolation import read_locally
+from dlwpredict.numerics.interpolation import read_locally
 
 
 def test_reading_locally_is_exact_on_parabolas_and_takes_no_pixel_further_than_two():

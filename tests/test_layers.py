@@ -16,19 +16,19 @@ LAYERS = [
     {"errors", "lab"},
     {"heightmap"},
     {"parameters"},
-    {"rasterise", "bisection", "walls"},
-    {"smoothing", "interpolation", "missing", "mesh", "noise", "score", "transfer", "parallel"},
-    {"model", "designs", "regrid", "printable", "surround"},
+    {"numerics", "noise"},
+    {"metrology", "solid", "model", "designs"},
     {"effects"},
     {"process"},
-    {"align", "precompensate"},
+    {"alignment", "correction"},
     {"infer"},
-    {"calibrate", "diagnose"},
+    {"calibration", "diagnosis"},
     {"files"},
     {"batch"},
     {"tiling"},
     {"plots"},
     {"pages"},
+    {"api"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
@@ -89,27 +89,29 @@ def test_imports_point_downwards(path):
 
 
 def of_diagnosis(name: str) -> int:
-    """Return the layer of a module inside `diagnose`."""
+    """Return the layer of a module inside `diagnosis`."""
     return next(level for level, parts in enumerate(DIAGNOSE) if name.split(".")[0] in parts)
 
 
 def inner_imports_of(path: Path) -> set[str]:
-    """Return the modules of `diagnose` that a file imports from."""
+    """Return the modules of `diagnosis` that a file imports from."""
     nodes = (node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom))
     found = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names}
-    return {name.removeprefix("dlwpredict.diagnose.") for name in found if name.startswith("dlwpredict.diagnose.")}
+    return {name.removeprefix("dlwpredict.diagnosis.") for name in found if name.startswith("dlwpredict.diagnosis.")}
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "diagnose").rglob("[!_]*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "diagnosis").rglob("[!_]*.py")), ids=lambda path: path.stem)
 def test_imports_inside_the_diagnosis_point_one_way(path):
-    own = ".".join(path.relative_to(ROOT / "diagnose").with_suffix("").parts)
+    own = ".".join(path.relative_to(ROOT / "diagnosis").with_suffix("").parts)
     for other in inner_imports_of(path):
         beside = of_diagnosis(other) == of_diagnosis(own) and other.split(".")[0] == own.split(".")[0]
         assert of_diagnosis(other) < of_diagnosis(own) or beside, f"{own} imports {other}, which stands no lower"
 
 
 def test_what_is_inferred_knows_nothing_of_who_asks():
-    assert not {"calibrate", "diagnose"} & set().union(*(imports_of(path) for path in (ROOT / "infer").rglob("*.py")))
+    assert not {"calibration", "diagnosis"} & set().union(
+        *(imports_of(path) for path in (ROOT / "infer").rglob("*.py"))
+    )
 
 
 MOST_ARGUMENTS = 8

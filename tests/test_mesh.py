@@ -9,9 +9,9 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.mesh import boundary_edges, solid_of
-from dlwpredict.missing import fill_missing
-from dlwpredict.rasterise import seen_from_above
+from dlwpredict.metrology.missing import fill_missing
+from dlwpredict.solid.mesh import boundary_edges, solid_of
+from dlwpredict.solid.rasterise import seen_from_above
 
 DX, DY = 0.1, 0.25
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.missing import fill_missing
+from dlwpredict.metrology.missing import fill_missing
 
 
 def test_nearest_is_nearest_in_um():

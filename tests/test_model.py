@@ -14,9 +14,9 @@ from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import SQUARE_PX, Crosslinked, Dose, Exposed, Focus
 from dlwpredict.model.steps import PixelMean
 from dlwpredict.model.voxels import Voxels
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, blur, blur_turned, gaussian_taps
 from dlwpredict.parameters import Paper, ParameterSet, Readings, Writing
 from dlwpredict.process import predict, room_px
-from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, blur_turned, gaussian_taps
 
 PITCH = 0.2
 

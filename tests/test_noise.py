@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dlwpredict.align.pose import Pose
-from dlwpredict.align.resample import prepared, resample
+from dlwpredict.alignment.pose import Pose
+from dlwpredict.alignment.resample import prepared, resample
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
 from dlwpredict.noise.estimate import estimate

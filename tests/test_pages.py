@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from dlwpredict.designs import air, f
-from dlwpredict.diagnose.answer.words import statement
-from dlwpredict.diagnose.classes import Member, Named
+from dlwpredict.diagnosis.answer.words import statement
+from dlwpredict.diagnosis.classes import Member, Named
 from dlwpredict.effects import library
 from dlwpredict.files.parameters_yaml import parameters_as_dict
 from dlwpredict.noise.covariance import Noise

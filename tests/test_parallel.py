@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
-from dlwpredict.diagnose.answer.content import content_of
-from dlwpredict.diagnose.run import Course, diagnose
+from dlwpredict.diagnosis.answer.content import content_of
+from dlwpredict.diagnosis.run import Course, diagnose
 from dlwpredict.effects import library
 from dlwpredict.infer.recording import prepare
-from dlwpredict.parallel import Workers, each
+from dlwpredict.numerics.parallel import Workers, each
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 
@@ -72,7 +72,7 @@ def ended_elsewhere(process: int, number: int) -> int:
 SLEEPER = """
 import time
 from concurrent.futures import wait
-from dlwpredict.parallel import Workers
+from dlwpredict.numerics.parallel import Workers
 
 if __name__ == "__main__":
     with Workers(2) as those:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from dlwpredict.correction.precompensate import Limits, precompensate
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.numerics.smoothing import blur
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.precompensate import Limits, precompensate
 from dlwpredict.process import predict
-from dlwpredict.smoothing import blur
 
 
 @pytest.fixture(scope="module")

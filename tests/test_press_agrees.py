@@ -5,11 +5,11 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.metrology.walls import near_walls
 from dlwpredict.model.voxels import Voxels
+from dlwpredict.numerics.smoothing import block_mean
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
-from dlwpredict.smoothing import block_mean
-from dlwpredict.walls import near_walls
 from tests.press import press_from, print_part
 
 PAPERS = [

@@ -6,14 +6,14 @@ from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli import app
+from dlwpredict.correction.precompensate import HIGHEST, Limits, precompensate
+from dlwpredict.correction.printable import Printable
+from dlwpredict.correction.surround import Continued, doubt_of_edges
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.precompensate import HIGHEST, Limits, precompensate
-from dlwpredict.printable import Printable
 from dlwpredict.process import predict
-from dlwpredict.surround import Continued, doubt_of_edges
 
 WAVES = HeightMap(np.round(1.5 + 0.5 * np.add.outer(np.sin(np.arange(80) / 9), np.cos(np.arange(90) / 7)), 1), 0.2, 0.2)
 """A design in steps of 0.1 µm that fills its map."""

@@ -18,9 +18,9 @@ from scipy.special import ndtri
 from dlwpredict.files.heightmaps import write_height_map
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict, room_px
-from dlwpredict.smoothing import FWHM_PER_SIGMA
 from dlwpredict.tiling.large import Large, canvas_of
 from dlwpredict.tiling.reach import coarse_px
 from tests.strategies import MONOTONE, between, processes, targets

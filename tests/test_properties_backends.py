@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import scipy.fft
 
+from dlwpredict.correction.precompensate import precompensate
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.numerics.smoothing import blur, blur_turned
 from dlwpredict.parameters import Paper, ParameterSet
-from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict
-from dlwpredict.smoothing import blur, blur_turned
 
 ROOT = Path(__file__).parent.parent
 TOLERANCE_UM = 5e-6

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dlwpredict import designs
-from dlwpredict.align import align
-from dlwpredict.calibrate import calibrate
+from dlwpredict.alignment import align
+from dlwpredict.calibration import calibrate
+from dlwpredict.correction.precompensate import Limits, precompensate
 from dlwpredict.errors import ResultError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.recording import prepare
 from dlwpredict.model.levels import Levels
 from dlwpredict.parameters import Paper, ParameterSet, declarations
-from dlwpredict.precompensate import Limits, precompensate
 from dlwpredict.process import predict
 from tests.strategies import between, processes, targets
 

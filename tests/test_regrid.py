@@ -8,7 +8,7 @@ from dlwpredict.cli import app
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.regrid import cropped, resampled, smoothed
+from dlwpredict.metrology.regrid import cropped, resampled, smoothed
 
 RNG = np.random.default_rng(0)
 

@@ -20,6 +20,7 @@ from dlwpredict.files import write_height_map
 from dlwpredict.files.parameters_yaml import write_parameters
 from dlwpredict.files.provenance import note_input, origin, running
 from dlwpredict.files.yaml_text import yaml_text
+from dlwpredict.metrology.score import score
 from dlwpredict.pages.relief import relief
 from dlwpredict.pages.report import changed_inputs, figures, page
 from dlwpredict.pages.report_pictures import pictures, reachable
@@ -27,7 +28,6 @@ from dlwpredict.pages.run_folder import read_run
 from dlwpredict.pages.words import length as words_of
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
-from dlwpredict.score import score
 from tests.chromium import chromium, needs_chromium
 from tests.test_pages import Reader, ambiguous, images, invented
 

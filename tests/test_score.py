@@ -9,8 +9,8 @@ from dlwpredict import plots
 from dlwpredict.designs import air, f
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.metrology.score import abbott_curve, corr2, response, roughness, score
 from dlwpredict.plots import panels
-from dlwpredict.score import abbott_curve, corr2, response, roughness, score
 
 
 def maps(reference, test, **options):

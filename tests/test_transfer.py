@@ -11,7 +11,7 @@ from dlwpredict.cli import app
 from dlwpredict.designs import air, cin
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.files import write_height_map
-from dlwpredict.transfer import transfer
+from dlwpredict.metrology.transfer import transfer
 
 FWHM_PER_SIGMA = 2 * np.sqrt(2 * np.log(2))
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from dlwpredict.errors import InputError
-from dlwpredict.parallel import begin_worker
+from dlwpredict.numerics.parallel import begin_worker
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import typer
 import yaml
 
-from dlwpredict.align import Alignment, align
-from dlwpredict.align.choose import ODDS, odds
+from dlwpredict.alignment import Alignment, align
+from dlwpredict.alignment.choose import ODDS, odds
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import FastAxis, InstrumentKind, Output, Overwrite, check_outputs, recorded_by
 from dlwpredict.cli.plotting import Plot, check_plot

@@ -19,7 +19,7 @@ from dlwpredict.cli.console import progress_shown, say, warn
 from dlwpredict.cli.large import Scheduler
 from dlwpredict.cli.streams import STANDARD, tell
 from dlwpredict.errors import InputError, ResultError, blaming
-from dlwpredict.parallel import cores
+from dlwpredict.numerics.parallel import cores
 
 COMMAND = "batch"
 FIGURES = True

@@ -13,9 +13,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from dlwpredict.calibrate import Calibration, calibrate
-from dlwpredict.calibrate.report import report_of
-from dlwpredict.calibrate.words import cautions_of
+from dlwpredict.calibration import Calibration, calibrate
+from dlwpredict.calibration.report import report_of
+from dlwpredict.calibration.words import cautions_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.plotting import Plot, check_plot
@@ -32,7 +32,7 @@ from dlwpredict.infer.free import choose
 from dlwpredict.infer.objective import Fit, Work
 from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.recording import Recording, coarser, prepare
-from dlwpredict.walls import WALL_PX
+from dlwpredict.metrology.walls import WALL_PX
 
 COMMAND = "calibrate"
 CLASS = options.PairCommand

@@ -16,8 +16,8 @@ from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.formats import format_of
 from dlwpredict.files.plausibility import plausibility, plausibility_of_pitch, tilt_mrad
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.missing import fill_missing
-from dlwpredict.regrid import cropped, resampled, smoothed
+from dlwpredict.metrology.missing import fill_missing
+from dlwpredict.metrology.regrid import cropped, resampled, smoothed
 
 COMMAND = "convert"
 STREAMS = {"target": ".txt", "output": ".txt"}

@@ -13,8 +13,8 @@ from dlwpredict.cli.console import warn
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.session import Outputs, Session, is_unfinished
 from dlwpredict.errors import InputError
-from dlwpredict.parallel import cores_for_workers
-from dlwpredict.walls import WALL_PX
+from dlwpredict.metrology.walls import WALL_PX
+from dlwpredict.numerics.parallel import cores_for_workers
 
 COMMAND = "diagnose"
 CLASS = options.PairCommand

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dlwpredict.diagnose.run import Diagnosis
+from dlwpredict.diagnosis.run import Diagnosis
 from dlwpredict.files import write_height_map
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import replacing
 from dlwpredict.files.stl import write_solid
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.mesh import Solid, largest_distance_um, solid_of
-from dlwpredict.missing import fill_missing
+from dlwpredict.metrology.missing import fill_missing
+from dlwpredict.solid.mesh import Solid, largest_distance_um, solid_of
 
 COMMAND = "export-stl"
 FIGURES = True

@@ -14,6 +14,9 @@ from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import tell
+from dlwpredict.correction.precompensate import HIGHEST, LAST, Limits, Precompensation, correct, steps_um
+from dlwpredict.correction.printable import Printable
+from dlwpredict.correction.surround import doubt_of_edges
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
@@ -23,10 +26,7 @@ from dlwpredict.files.provenance import cautions_of
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
-from dlwpredict.precompensate import HIGHEST, LAST, Limits, Precompensation, precompensate, steps_um
-from dlwpredict.printable import Printable
 from dlwpredict.process import check_target, predict
-from dlwpredict.surround import Continued, doubt_of_edges
 
 COMMAND = "precompensate"
 STREAMS = {"report": ".yaml"}
@@ -111,29 +111,27 @@ def run(
     shape = Printable(smooth_um, np.inf if max_slope is None else max_slope, smallest_feature_um)
     limits = Limits.about(part, maximum_um, slicing_um=slicing, printable=shape)
 
-    def correct(physics: ParameterSet) -> Precompensation:
-        view = Continued.of(part, physics) if surround is options.Surround.continued else Continued(part, (0, 0))
-        counted = np.pad(np.ones(part.shape, dtype=bool), [(r, r) for r in view.room])
-        return precompensate(
-            view.whole,
-            lambda written: predict(written, physics),
-            limits=limits,
+    def corrected(physics: ParameterSet) -> Precompensation:
+        return correct(
+            part,
+            physics,
+            limits,
+            continued=surround is options.Surround.continued,
             most_predictions=predictions,
             memory=5 if method is Loop.accelerated else 0,
-            counted=counted,
             on_step=lambda count, rmse: detail(f"prediction {count}: rmse {rmse:.4f} µm"),
-        ).in_view(view)
+        )
 
     with blaming(target):
         if process.undecided and undecided is None:
-            show_both(part, {side: process.decided(side.value) for side in Side}, correct)
+            show_both(part, {side: process.decided(side.value) for side in Side}, corrected)
             raise InputError(
                 f"print or measurement is open for {', '.join(process.undecided.effects)}",
                 where=parameters,
                 key="undecided",
                 allowed="allowed: --undecided print or --undecided measurement",
             )
-        found = correct(process if undecided is None else process.decided(undecided.value))
+        found = corrected(process if undecided is None else process.decided(undecided.value))
     figures = found.summary()
     if process.undecided:
         figures["undecided"] = undecided.value
@@ -149,16 +147,7 @@ def run(
         shown = plots.correction(part, found.corrected, found.predicted, found.reachable, caption=f"rmse {errors} µm")
         plots.save(plot, shown)
     tell(figures)
-    reached, missed = figures["reachable"], figures["unreachable"]
-    say(
-        f"{output}: rmse {figures['rmse_um']['before']:.4f} -> {figures['rmse_um']['after']:.4f} µm in "
-        f"{found.predictions} predictions; where reachable ({100 * reached['fraction']:.1f} % of the part) at most "
-        f"{reached['largest_um']:.4f} µm"
-    )
-    if missed["points"]:
-        say(
-            f"out of reach: {missed['points']} points at walls or finer than the focus, rmse {missed['rmse_um']:.3f} µm"
-        )
+    _say(output, found)
     for doubt in doubt_of_edges(part) if surround is None else ():
         warn(f"{target}: {doubt}")
     if maximum_um is None and (capped := int((found.corrected.heights_um >= limits.maximum_um * (1 - 1e-9)).sum())):
@@ -171,8 +160,23 @@ def run(
             f"{target}: the design comes in steps of {step:g} µm: --smooth-um keeps the correction from following "
             "each as a wall"
         )
-    if reached["largest_to_initial"] > LARGE:
-        warn(f"stopped at {100 * reached['largest_to_initial']:.0f} % of the first error: {why(found, limits)}")
+    if (left := figures["reachable"]["largest_to_initial"]) > LARGE:
+        warn(f"stopped at {100 * left:.0f} % of the first error: {why(found, limits)}")
+
+
+def _say(output: Path, found: Precompensation) -> None:
+    """Say how far the correction gets."""
+    figures = found.summary()
+    reached, missed = figures["reachable"], figures["unreachable"]
+    say(
+        f"{output}: rmse {figures['rmse_um']['before']:.4f} -> {figures['rmse_um']['after']:.4f} µm in "
+        f"{found.predictions} predictions; where reachable ({100 * reached['fraction']:.1f} % of the part) at most "
+        f"{reached['largest_um']:.4f} µm"
+    )
+    if missed["points"]:
+        say(
+            f"out of reach: {missed['points']} points at walls or finer than the focus, rmse {missed['rmse_um']:.3f} µm"
+        )
 
 
 def why(found: Precompensation, limits: Limits) -> str:

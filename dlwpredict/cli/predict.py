@@ -13,13 +13,13 @@ from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.large import Scheduler, TilePx, cut, predict_large
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.streams import figures_of, tell
+from dlwpredict.correction.surround import Continued, doubt_of_edges
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.process import check_target, predict
-from dlwpredict.surround import Continued, doubt_of_edges
 
 COMMAND = "predict"
 FIGURES = True

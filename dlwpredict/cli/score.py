@@ -15,9 +15,9 @@ from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import HeightMap, require_same_grid
-from dlwpredict.score import MATERIAL_RATIO_RANGE, Score, score
-from dlwpredict.transfer import HALF, Transfer, transfer
-from dlwpredict.walls import WALL_PX, near_walls_or_rim
+from dlwpredict.metrology.score import MATERIAL_RATIO_RANGE, Score, score
+from dlwpredict.metrology.transfer import HALF, Transfer, transfer
+from dlwpredict.metrology.walls import WALL_PX, near_walls_or_rim
 
 COMMAND = "score"
 STREAMS = {"json_file": ".json"}

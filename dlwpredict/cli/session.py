@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from dlwpredict.calibrate.words import cautions_of
+from dlwpredict.calibration.words import cautions_of
 from dlwpredict.cli.anytime import Clock, Companion, cpu_s, end_workers, fingerprint
 from dlwpredict.cli.anytime import said as about
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.diagnosis_files import maps_of, write_maps, write_report
 from dlwpredict.cli.streams import tell as figures
-from dlwpredict.diagnose.answer.advise import advise
-from dlwpredict.diagnose.answer.content import FORMAT, content_of, untested
-from dlwpredict.diagnose.answer.sides import undecided
-from dlwpredict.diagnose.answer.words import listed
-from dlwpredict.diagnose.run import STAGES, Course, Diagnosis, Stage, diagnose
+from dlwpredict.diagnosis.answer.advise import advise
+from dlwpredict.diagnosis.answer.content import FORMAT, content_of, untested
+from dlwpredict.diagnosis.answer.sides import extended
+from dlwpredict.diagnosis.answer.words import listed
+from dlwpredict.diagnosis.run import STAGES, Course, Diagnosis, Stage, diagnose
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
@@ -37,7 +37,7 @@ from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.recording import Recording, check_points, coarser, prepare
 from dlwpredict.infer.trace import trace
 from dlwpredict.model.levels import Levels
-from dlwpredict.parallel import Workers
+from dlwpredict.numerics.parallel import Workers
 from dlwpredict.parameters import ParameterSet
 
 PREDICTIONS = 600, 3000
@@ -304,21 +304,6 @@ class Session:
             (str(one.files[1]), one.recording.target, *maps_of(found, k).values()) for k, one in enumerate(self.pairs)
         ]
         plots.save(self.outputs.plot, plots.diagnosis(rows, caption=self.content["sentence"]))
-
-
-def extended(found: Diagnosis, profiled: Mapping[str, tuple[float, float]] | None = None) -> ParameterSet:
-    """Return the process with the effects found; where a side is open, with the process on either.
-
-    Parameters
-    ----------
-    found : Diagnosis
-    profiled : mapping, optional
-        Intervals of the fit; without them the answer is wanted now, and nothing is fitted any more.
-    """
-    fitted, now = found.extended.fit, profiled is None
-    either = undecided(found.named, fitted, found.fitter, refit=not now)
-    ends = found.intervals(fitted).as_dict() if now else dict(profiled)
-    return replace(fitted.parameters, undecided=either, intervals=ends)
 
 
 def cautions(found: Diagnosis, content: dict[str, Any]) -> list[str]:

@@ -9,8 +9,8 @@ import numpy as np
 from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import occupied
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.numerics.smoothing import trailing_mean
 from dlwpredict.parameters import declare
-from dlwpredict.smoothing import trailing_mean
 
 
 def written_before(on: np.ndarray, dx_um: float, length_um: float, direction: float) -> np.ndarray:

@@ -10,8 +10,8 @@ from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import gaussian_um, up_to_surface
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Dose
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, ndtr
 from dlwpredict.parameters import declare
-from dlwpredict.smoothing import FWHM_PER_SIGMA, ndtr
 
 
 def neighbourhood(written: HeightMap, z_um: float | np.ndarray, fwhm_um: float) -> np.ndarray:

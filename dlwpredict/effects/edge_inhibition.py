@@ -9,8 +9,8 @@ import numpy as np
 from dlwpredict.effects.base import ThresholdEffect
 from dlwpredict.effects.plane import gaussian_um, up_to_surface
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 from dlwpredict.parameters import declare
-from dlwpredict.smoothing import FWHM_PER_SIGMA
 
 
 def unexposed_share(written: HeightMap, z_um: float | np.ndarray, fwhm_um: float) -> np.ndarray:

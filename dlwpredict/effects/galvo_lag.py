@@ -9,8 +9,8 @@ import numpy as np
 from dlwpredict.effects.base import FocusEffect
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Dose, Focus
+from dlwpredict.numerics.smoothing import lag
 from dlwpredict.parameters import declare
-from dlwpredict.smoothing import lag
 
 
 def trailing(written: HeightMap, lag_um: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy import ndimage
 from dlwpredict.effects.base import MapEffect
 from dlwpredict.effects.plane import centroid_um, nearest, pixel_of
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.interpolation import read_locally
+from dlwpredict.numerics.interpolation import read_locally
 from dlwpredict.parameters import declare
 
 _HALVINGS, _MORE_HALVINGS = 6, 22

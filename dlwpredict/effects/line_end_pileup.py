@@ -9,8 +9,8 @@ import numpy as np
 from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import occupied
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.numerics.smoothing import faded
 from dlwpredict.parameters import declare
-from dlwpredict.smoothing import faded
 
 
 def from_end(on: np.ndarray, length_px: float) -> np.ndarray:

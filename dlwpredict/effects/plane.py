@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.steps import WALL
-from dlwpredict.smoothing import FWHM_PER_SIGMA, blur, ndtr, wide_blur
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, blur, ndtr, wide_blur
 
 FIELD_RADIUS_UM = 50.0
 """Distance from the field's centre at which field-dependent effects are stated (ρ = 1)."""

@@ -12,8 +12,8 @@ import numpy as np
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.files.formats import Format, Pair, Stored, float32
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.mesh import Solid, solid_of
-from dlwpredict.rasterise import seen_from_above
+from dlwpredict.solid.mesh import Solid, solid_of
+from dlwpredict.solid.rasterise import seen_from_above
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
 _HEAD = 84  # 80 bytes of text, then the number of triangles
@@ -92,7 +92,7 @@ def _ascii_triangles(content: bytes) -> np.ndarray:
 
 
 def write_stl(path: Path, height_map: HeightMap, *, base_um: float = 0.0, min_thickness_um: float = 0.1) -> list[str]:
-    """Write the solid under a height map, and check the file; see `dlwpredict.mesh.solid_of`."""
+    """Write the solid under a height map, and check the file; see `dlwpredict.solid.mesh.solid_of`."""
     solid = solid_of(height_map, base_um=base_um, min_thickness_um=min_thickness_um)
     write_solid(path, solid)
     return solid.remarks

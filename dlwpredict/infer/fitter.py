@@ -17,7 +17,7 @@ from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import WIDTH_SD
 from dlwpredict.infer.stored import recorded, restored
-from dlwpredict.parallel import ALONE, Workers
+from dlwpredict.numerics.parallel import ALONE, Workers
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
 QUICK_STEPS = 5

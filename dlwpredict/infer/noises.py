@@ -12,7 +12,7 @@ from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate, estimate
 from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES
 from dlwpredict.noise.unevenness import Ground, Uneven
-from dlwpredict.parallel import ALONE, Workers
+from dlwpredict.numerics.parallel import ALONE, Workers
 
 SAME = 1e-6
 """Share of the largest energy below which a direction of a design is dropped."""

@@ -11,7 +11,7 @@ from dlwpredict.infer.objective import Fit
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.estimate import NoiseEstimate
-from dlwpredict.parallel import ALONE, Workers
+from dlwpredict.numerics.parallel import ALONE, Workers
 
 DRAWS = 200
 """Maps of noise of every recording."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 from dlwpredict.parameters import ParameterSet, declarations
-from dlwpredict.smoothing import FWHM_PER_SIGMA
 
 LOST = 0.2
 """Share of the information about the finest structure of a print that working pixels may lose."""

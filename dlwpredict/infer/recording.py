@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dlwpredict.align.spikes import suspected_spikes
+from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.infer.priors import LATERAL, LEVELLING, NUISANCES
+from dlwpredict.metrology.walls import WALL_PX, near_walls
 from dlwpredict.process import check_target
-from dlwpredict.walls import WALL_PX, near_walls
 
 FEWEST_POINTS = 500
 """Measured points on the part that a fit must at least have, all recordings together."""

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from dlwpredict.infer.free import Free
-from dlwpredict.smoothing import FWHM_PER_SIGMA
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 
 
 def straight(free: Free, vector: np.ndarray) -> np.ndarray:

@@ -7,8 +7,8 @@ from numpy.polynomial import chebyshev
 
 from dlwpredict.model.layers import Columns, Layers, nominal
 from dlwpredict.model.states import Crosslinked
-from dlwpredict.parallel import corners, each
-from dlwpredict.smoothing import BLOCK_PX, COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, sparse_means
+from dlwpredict.numerics.parallel import corners, each
+from dlwpredict.numerics.smoothing import BLOCK_PX, COARSE_PIXELS_PER_SIGMA, FWHM_PER_SIGMA, block_mean, sparse_means
 
 CONVERSION_LAYER_UM = 0.5
 """Thickness of the layers of local conversion; as with those of dose, it must not depend on any parameter."""

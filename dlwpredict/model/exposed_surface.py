@@ -11,8 +11,8 @@ import numpy as np
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Dose, Focus
-from dlwpredict.parallel import corners, each
-from dlwpredict.smoothing import ndtr
+from dlwpredict.numerics.parallel import corners, each
+from dlwpredict.numerics.smoothing import ndtr
 
 LEVEL_STEP_SIGMAS = 0.5
 """Distance of exposure levels in axial standard deviations; the surface then errs by 0.1 nm rms, 3 nm beside walls."""

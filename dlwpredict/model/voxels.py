@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from dlwpredict.model.states import Crosslinked, Dose, Exposed
-from dlwpredict.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, gaussian_taps
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, gaussian_taps
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from markupsafe import Markup
 from dlwpredict.errors import ResultError
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.metrology.score import score
+from dlwpredict.metrology.walls import WALL_PX, near_walls_or_rim
 from dlwpredict.pages import words
 from dlwpredict.pages.pictures import LARGEST_MAP, Picture
 from dlwpredict.pages.relief import LARGEST_RELIEF, MOST_POINTS, relief, view
@@ -22,8 +24,6 @@ from dlwpredict.pages.report_pictures import lead, pictures, ranges, surfaces
 from dlwpredict.pages.run_folder import Run, Structure, unmatched
 from dlwpredict.pages.templates import template
 from dlwpredict.parameters import ParameterSet, Readings, declarations
-from dlwpredict.score import score
-from dlwpredict.walls import WALL_PX, near_walls_or_rim
 
 MOST_PIXELS = 800_000
 """Pixels of all maps of a page together; at about four bytes each."""

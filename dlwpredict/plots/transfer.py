@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from dlwpredict.metrology.transfer import HALF, Transfer
 from dlwpredict.plots.panels import REFERENCE_LINE, TEST_LINE
-from dlwpredict.transfer import HALF, Transfer
 
 
 def transfer_curves(found: dict[str, Transfer], *, title: str = "") -> Figure:

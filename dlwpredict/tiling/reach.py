@@ -12,9 +12,9 @@ from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.column_mean import coarse_factor
 from dlwpredict.model.levels import Levels
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import run, steps
-from dlwpredict.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS
 
 FADED = 8.0
 """An exponential that scales an effect of some per cent is let go after this many of its lengths, at 3e-4 of it."""

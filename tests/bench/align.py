@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlwpredict import designs
-from dlwpredict.align import align
+from dlwpredict.alignment import align
 from dlwpredict.errors import ResultError
 from dlwpredict.heightmap import HeightMap
 from tests.bench.recorder import Truth, record

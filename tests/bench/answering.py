@@ -60,8 +60,8 @@ def answer(asked: Asked) -> dict[str, Any]:
     """Return what the program has to say, the predictions and the seconds that it took, on pixels of its own choice."""
     if not Path(dlwpredict.__file__).with_name("infer").is_dir():  # an editable install finds its modules anyway
         return _by_old(asked)
-    from dlwpredict.diagnose.answer.content import content_of
-    from dlwpredict.diagnose.run import Course, diagnose
+    from dlwpredict.diagnosis.answer.content import content_of
+    from dlwpredict.diagnosis.run import Course, diagnose
     from dlwpredict.infer.objective import Work
     from dlwpredict.infer.pixels import working_factor
     from dlwpredict.infer.recording import coarser, prepare
@@ -78,12 +78,12 @@ def answer(asked: Asked) -> dict[str, Any]:
 
 def _by_old(asked: Asked) -> dict[str, Any]:
     """Ask a program from before `dlwpredict.infer`; its predictions are counted as they are made."""
-    prepare = import_module("dlwpredict.calibrate").prepare
-    content_of = import_module("dlwpredict.diagnose.content").content_of
-    diagnose = import_module("dlwpredict.diagnose.run").diagnose
-    coarser = import_module("dlwpredict.calibrate.recordings").coarser
+    prepare = import_module("dlwpredict.calibration").prepare
+    content_of = import_module("dlwpredict.diagnosis.content").content_of
+    diagnose = import_module("dlwpredict.diagnosis.run").diagnose
+    coarser = import_module("dlwpredict.calibration.recordings").coarser
     most = import_module("dlwpredict.cli.diagnose").LARGEST_PX
-    kind = import_module("dlwpredict.calibrate.trace").Trace
+    kind = import_module("dlwpredict.calibration.trace").Trace
     several = [asked.pairs, asked.holdout]
     parts, unseen = ([coarser(prepare(a, b), -(-max(a.shape) // most)) for a, b in pairs] for pairs in several)
     made, points, begin = [], sum(part.target.heights_um.size for part in parts), kind.__init__

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from dlwpredict import designs
-from dlwpredict.calibrate import calibrate
-from dlwpredict.calibrate.simplex import QUIET_UM, simplex
+from dlwpredict.calibration import calibrate
+from dlwpredict.calibration.simplex import QUIET_UM, simplex
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.baseline import rough
 from dlwpredict.infer.descend import descend
@@ -27,9 +27,9 @@ from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import LEVELLING, SHIFTS
 from dlwpredict.infer.recording import Recording, prepare
 from dlwpredict.infer.whitened import Whitened
+from dlwpredict.numerics.smoothing import blur
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.process import predict
-from dlwpredict.smoothing import blur
 from tests.press import press_from, print_part
 
 NOISE_UM = 0.02

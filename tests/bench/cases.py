@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlwpredict import designs
-from dlwpredict.align import align
+from dlwpredict.alignment import align
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from tests.press import Microscope, Press, Recording, measure, microscope_from, press_from, print_part

@@ -13,8 +13,8 @@ from pathlib import Path
 import yaml
 
 from dlwpredict.files import read_height_map
-from dlwpredict.score import score
-from dlwpredict.walls import near_walls_or_rim
+from dlwpredict.metrology.score import score
+from dlwpredict.metrology.walls import near_walls_or_rim
 
 
 def off_um(target: Path, print_of: Path) -> float:

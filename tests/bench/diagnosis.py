@@ -25,8 +25,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dlwpredict.diagnose.library.candidates import Candidate
-from dlwpredict.diagnose.library.signatures import Signatures
+from dlwpredict.diagnosis.library.candidates import Candidate
+from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Work

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from dlwpredict.files import read_height_map
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.score import Score, score
+from dlwpredict.metrology.score import Score, score
 
 RIM_UM = 2.0
 

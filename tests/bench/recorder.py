@@ -1,6 +1,6 @@
 """A simple print and microscope for alignment trials: blur, gain, a dome, a warp known in closed form, noise, gaps.
 
-Nothing here is shared with `dlwpredict.align`: the print lives on a canvas four times finer than the target and is
+Nothing here is shared with `dlwpredict.alignment`: the print lives on a canvas four times finer than the target and is
 read by a quintic spline at 3 × 3 places per recorded pixel.
 """
 

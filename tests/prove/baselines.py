@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from dlwpredict.diagnose.library.signatures import Signatures
-from dlwpredict.diagnose.structure.freeform import smooth_forms
+from dlwpredict.diagnosis.library.signatures import Signatures
+from dlwpredict.diagnosis.structure.freeform import smooth_forms
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose

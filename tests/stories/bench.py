@@ -21,7 +21,7 @@ import yaml
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.score import score
+from dlwpredict.metrology.score import score
 from tests.bench.generations import without_rim
 from tests.press import read_map, write_map
 from tests.prove.structures import MARGIN_PX, PITCH_UM, PIXELS

@@ -20,8 +20,9 @@ from scipy import fft, optimize
 
 import dlwpredict.model.exposed_surface as exposed_surface
 from dlwpredict import designs
-from dlwpredict.calibrate.simplex import EVALUATIONS_PER_PARAMETER, TOLERANCE
-from dlwpredict.diagnose.run import Course, diagnose
+from dlwpredict.calibration.simplex import EVALUATIONS_PER_PARAMETER, TOLERANCE
+from dlwpredict.correction.precompensate import precompensate
+from dlwpredict.diagnosis.run import Course, diagnose
 from dlwpredict.files import read_height_map
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
@@ -30,11 +31,10 @@ from dlwpredict.infer.recording import prepare
 from dlwpredict.model.column_mean import _chebyshev_levels
 from dlwpredict.model.exposed_surface import LEVEL_STEP_SIGMAS
 from dlwpredict.model.levels import Levels
-from dlwpredict.parallel import Workers, cores
+from dlwpredict.numerics.parallel import Workers, cores
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 from dlwpredict.parameters import Paper, ParameterSet, declarations
-from dlwpredict.precompensate import precompensate
 from dlwpredict.process import predict
-from dlwpredict.smoothing import FWHM_PER_SIGMA
 from tests.bench.calibration import METHODS, noise
 from tests.bench.cases import Case, recorded
 from tests.bench.diagnosis import ROOT, ask, keep
@@ -122,7 +122,7 @@ def calibrated(method: str, kind: str, side_px: str, pitch_um: str) -> Callable[
 
 
 def voxel_simplex(kind: str, side_px: str, pitch_um: str) -> Callable[[], dict]:
-    """Calibrate as the paper did: the simplex on voxels, with the rules of `dlwpredict.calibrate.simplex`, one run."""
+    """Calibrate as the paper did: the simplex on voxels, with the rules of `calibration.simplex`, one run."""
     pair = recording(kind, int(side_px), float(pitch_um))
     declared = [known for _, known in declarations(Paper).values()]
     start = np.array([default for default, _ in declarations(Paper).values()])

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from dlwpredict.cli.commands import NAMES
-from dlwpredict.parallel import cores
+from dlwpredict.numerics.parallel import cores
 from tests.bench.speed import cluster
 from tests.bench.speed.jobs import REAL
 from tests.bench.speed.measure import alternate, job

@@ -1,0 +1,92 @@
+"""How much distortion the data call for: nested models, tested with correlated residuals in mind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from dlwpredict.alignment.pose import Pose
+from dlwpredict.alignment.refine import Fit, Level, refine
+from dlwpredict.alignment.uncertainty import figure_covariance, pose_covariance
+
+SIGNIFICANCE = 1e-3
+LEAST_MOVE_PX = 0.1
+UNDETERMINED_DEG = 5.0
+
+# what each model adds to the one below: places in `Pose.figures` and their values without distortion
+_ADDED = {"affine": (slice(3, 6), np.array([1.0, 1.0, 0.0])), "bow": (slice(6, 12), np.zeros(6))}
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The final pose, its covariance, and why this much distortion was allowed."""
+
+    fit: Fit
+    distortion: str
+    covariance: np.ndarray
+    tests: dict[str, dict[str, float | bool]]
+    rotation_known: bool
+
+
+def register(levels: list[Level], pose: Pose, wanted: str, pixel_um: float, *, is_round: bool) -> Registration:
+    """Refine a pose from coarse to fine and settle the distortion.
+
+    ``wanted`` is rigid, affine or bow, or auto: bow where its six terms differ from zero, else affine where scale
+    and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the block-jackknife covariance,
+    T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks, p < 0.001; and the rim moves by more than a
+    tenth of a target pixel.
+    """
+    for level in levels:
+        fit = refine(level, pose, "rigid")
+        pose = fit.pose
+    known = not is_round and rotation_sd(fit, "rigid") < UNDETERMINED_DEG
+    if not known:
+        fit = refine(
+            levels[-1], Pose.rigid(pose.shift_um, 0.0, reach_um=pose.reach_um, mirrored=pose.mirrored), "shift"
+        )
+    fits, tests = {"rigid": fit}, {}
+    for model in [] if wanted == "rigid" or (wanted == "auto" and not known) else ["affine", "bow"]:
+        fit = refine(levels[-1], fit.pose, model)
+        fits[model] = fit
+        tests[model] = _test(fit, model, pixel_um)
+        if model == wanted:
+            break
+    if wanted == "auto":
+        wanted = next((model for model in ("bow", "affine") if model in tests and tests[model]["accepted"]), "rigid")
+    fit = fits[wanted]
+    kind = wanted if known or wanted != "rigid" else "shift"
+    covariance = figure_covariance(fit.pose, pose_covariance(fit, kind)[0])
+    if not known:
+        covariance[2, :] = covariance[:, 2] = 0.0
+        covariance[2, 2] = 180.0**2 / 3  # uniform over the circle
+    return Registration(fit, wanted, covariance, tests, known)
+
+
+def rotation_sd(fit: Fit, model: str) -> float:
+    """Standard error of the rotation, degrees."""
+    return float(np.sqrt(figure_covariance(fit.pose, pose_covariance(fit, model)[0])[2, 2]))
+
+
+def _test(fit: Fit, model: str, pixel_um: float) -> dict[str, float | bool]:
+    """Hotelling's test of the figures that a model adds."""
+    covariance, blocks = pose_covariance(fit, model, tiles_only=True)
+    places, without = _ADDED[model]
+    added = fit.pose.figures()[places] - without
+    spread = figure_covariance(fit.pose, covariance)[places, places]
+    count = len(added)
+    size = np.sqrt(np.maximum(np.diag(spread), 1e-30))
+    t2 = float(added / size @ np.linalg.pinv(spread / np.outer(size, size), hermitian=True) @ (added / size))
+    free = max(blocks - count, 1.0)
+    p = float(special.fdtrc(count, free, t2 * free / (count * max(blocks - 1, 1.0))))
+    move = _rim_move(fit.pose, model) / pixel_um
+    return {"p_value": p, "rim_px": move, "blocks": blocks, "accepted": p < SIGNIFICANCE and move > LEAST_MOVE_PX}
+
+
+def _rim_move(pose: Pose, model: str) -> float:
+    """Largest move of the target's corners and edge middles by what the model adds, µm."""
+    x, y = (np.array(pose.reach_um) * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)], float)).T
+    plain = Pose(pose.shift_um, pose.matrix) if model == "bow" else Pose.rigid(pose.shift_um, pose.rotation_deg)
+    full = pose if model == "bow" else Pose(pose.shift_um, pose.matrix)
+    return float(np.max(np.hypot(*np.subtract(full.to_recording(x, y), plain.to_recording(x, y)))))

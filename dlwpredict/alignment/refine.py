@@ -1,0 +1,160 @@
+"""The pose to a small fraction of a pixel: robust Gauss-Newton against everything the print may look like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from dlwpredict.alignment.likeness import likeness_columns
+from dlwpredict.alignment.plane import mad_sigma
+from dlwpredict.alignment.pose import Distortion, Pose
+from dlwpredict.alignment.surface import Surface, grid_um
+
+SMOOTHING = 0.8  # σ in pixels of a level: what is sampled is then free of aliasing to 4 %
+HUBER = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Recording and target on one pitch, both smoothed by the same Gaussian."""
+
+    recording: Surface
+    target: Surface
+    pitch_um: float
+
+    @classmethod
+    def of(cls, recording: Surface, target: Surface, pitch_um: float) -> Level:
+        """Smooth both maps for this pitch."""
+        sigma = SMOOTHING * max(pitch_um, recording.dx_um / 2, recording.dy_um / 2)
+        return cls(recording.smoothed(sigma), target.smoothed(sigma), pitch_um)
+
+    @cached_property
+    def grid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and y of the points, µm."""
+        return grid_um(self.target.size_um, self.pitch_um)
+
+    @cached_property
+    def _sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.target.at(*self.grid)
+
+    @property
+    def target_heights(self) -> np.ndarray:
+        """Smoothed target on the grid, µm, shape (rows, cols)."""
+        return self._sampled[0]
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """`likeness_columns` of the target, shape (points, columns)."""
+        return likeness_columns(self._sampled[0])
+
+    def read(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Recorded heights and their support at the target's points, flat."""
+        heights, support = self.recording.at(*pose.to_recording(*self.grid))
+        seen = np.where((support > 0.5) & (self._sampled[1] > 0.5), support, 0.0)
+        return heights.ravel(), seen.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A pose, how well it explains the recording, and what its figures are worth.
+
+    Parameters
+    ----------
+    pose : Pose
+    residual, weights, fitted : numpy.ndarray, shape (points,)
+        Recording − likeness (µm), robust weight, likeness (µm).
+    jacobian : numpy.ndarray, shape (points, parameters)
+        Derivative of the likeness by the parameters of `Pose.moved`, what the likeness can mimic taken out.
+    level : Level
+    """
+
+    pose: Pose
+    residual: np.ndarray
+    weights: np.ndarray
+    fitted: np.ndarray
+    jacobian: np.ndarray = field(repr=False)
+    level: Level = field(repr=False)
+
+    @property
+    def correlation(self) -> float:
+        """Multiple correlation of recording and likeness beyond a plane, 0 to 1."""
+        use = self.weights > 0
+        plane = self.level.columns[use][:, :3]
+        heights = (self.fitted + self.residual)[use]
+        beyond = heights - plane @ np.linalg.lstsq(plane, heights, rcond=None)[0]
+        w = self.weights[use]
+        share = np.sum(w * self.residual[use] ** 2) / max(np.sum(w * beyond**2), 1e-300)
+        return float(np.sqrt(max(1 - share, 0.0)))
+
+
+def refine(level: Level, pose: Pose, distortion: Distortion, *, turns: int = 12) -> Fit:
+    """Improve a pose by iterated weighted least squares on one level.
+
+    recording(q(p)) = Σ c_k φ_k(p), with the pose in q and the φ of `likeness_columns`. The step δ solves the joint
+    linear problem [φ, −∇m·∂q/∂θ]·(c, δ) = recording, m = φ·c. The gradient is that of the fitted likeness, not of
+    the noisy recording, so noise does not bias the solution. Huber weights; steps are kept below one pixel of the
+    level.
+    """
+    floor = 0.0
+    for _ in range(turns):
+        fit = _linear(level, pose, distortion, floor)
+        step, size = _step(fit, distortion)
+        floor = 0.3 * float(np.sqrt(np.average(fit.residual**2, weights=fit.weights + 1e-12)))
+        pose = pose.moved(step)
+        if size < 2e-3:
+            break
+    return _linear(level, pose, distortion, floor)
+
+
+def _linear(level: Level, pose: Pose, distortion: Distortion, floor: float) -> Fit:
+    """Fit the likeness at a fixed pose and form the derivatives there."""
+    heights, support = level.read(pose)
+    weights, columns = support, level.columns
+    for _ in range(2):
+        normal = columns.T @ (columns * weights[:, None])
+        normal[np.diag_indices_from(normal)] *= 1 + 1e-9
+        normal[np.diag_indices_from(normal)] += 1e-9 * weights.sum()
+        found = np.linalg.solve(normal, columns.T @ (weights * heights))
+        residual = heights - columns @ found
+        sigma = max(mad_sigma(residual[support > 0]), floor, 1e-9)
+        weights = support / np.maximum(1, np.abs(residual) / (HUBER * sigma))
+    jacobian = _jacobian(level, pose, (columns @ found), distortion)
+    mimic = np.linalg.solve(normal, columns.T @ (jacobian * weights[:, None]))
+    return Fit(pose, residual, weights, columns @ found, jacobian - columns @ mimic, level)
+
+
+def _jacobian(level: Level, pose: Pose, fitted: np.ndarray, distortion: Distortion) -> np.ndarray:
+    """Derivative of the recorded heights by the pose: ∇_q m = A⁻ᵀ∇_p m, shape (points, parameters)."""
+    x, y = level.grid
+    down, right = np.gradient(fitted.reshape(x.shape), level.pitch_um)
+    slope = np.linalg.inv(np.array(pose.matrix)).T @ np.stack([right.ravel(), -down.ravel()])
+    moves = pose.jacobian(x.ravel(), y.ravel(), distortion)
+    return np.einsum("dp,kdp->pk", slope, moves)
+
+
+def _step(fit: Fit, distortion: Distortion) -> tuple[np.ndarray, float]:
+    """Gauss-Newton step and how far it moves the target's points at most, in pixels of the level."""
+    reach = np.array(fit.pose.reach_um)
+    scale = parameter_scale(distortion, reach) * fit.level.pitch_um
+    jacobian = fit.jacobian * scale
+    normal = jacobian.T @ (jacobian * fit.weights[:, None])
+    values, vectors = np.linalg.eigh(normal)
+    known = values > 1e-7 * values[-1]
+    along = vectors.T @ (jacobian.T @ (fit.weights * fit.residual))
+    # residual = recording − m and ∂recording/∂θ = J: the step that takes the residual away is −J⁺·residual
+    step = -vectors @ np.where(known, along / np.where(known, values, 1.0), 0.0)
+    size = float(np.abs(step).max())
+    return step * scale / max(size, 1.0), size
+
+
+def parameter_scale(distortion: Distortion, reach_um: np.ndarray) -> np.ndarray:
+    """Size of each parameter that moves the target's rim by 1 µm."""
+    far = float(np.max(reach_um))
+    return {
+        "shift": np.ones(2),
+        "rigid": np.array([1, 1, 1 / far]),
+        "affine": np.array([1, 1, *[1 / far] * 4]),
+        "bow": np.array([1, 1, *[1 / far] * 4, *[1] * 6]),
+    }[distortion]

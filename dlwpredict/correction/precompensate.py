@@ -1,0 +1,323 @@
+"""Pre-compensation: find the height map h' to write so that the print has the target's heights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from dlwpredict.correction.printable import Printable
+from dlwpredict.correction.surround import Continued
+from dlwpredict.errors import InputError, ResultError
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import check_target, predict
+
+Prediction = Callable[[HeightMap], HeightMap]
+
+UNREACHABLE_RESPONSE = 0.2
+"""A place is out of reach where full correction steps move the print by less than this share of what is missing."""
+
+HIGHEST = 2.0
+"""Nothing is written higher than so many times the target's highest point, unless a maximum is given: resin shrinks by
+less than half, and what asks for more is a wall or an edge that no height mends."""
+
+AS_IT_COMES = Printable()
+
+LAST = 3
+"""Predictions by which the search is judged to have come to rest."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What may be written.
+
+    Parameters
+    ----------
+    maximum_um : float
+        Highest written height, µm.
+    printable : Printable
+        What its shape may be.
+    slicing_um : float
+        Heights are rounded to multiples of this at the end; 0 = continuous.
+    """
+
+    maximum_um: float = np.inf
+    slicing_um: float = 0.0
+    printable: Printable = AS_IT_COMES
+
+    @classmethod
+    def about(cls, target: HeightMap, maximum_um: float | None = None, **settings: Any) -> Limits:
+        """Return limits for a target, `HIGHEST` times as high as it is unless a maximum is given."""
+        return cls(HIGHEST * float(target.heights_um.max()) if maximum_um is None else maximum_um, **settings)
+
+    def __post_init__(self) -> None:
+        if not self.maximum_um > 0:
+            raise InputError(f"found {self.maximum_um:g}", key="--maximum-um", allowed="allowed: above 0")
+        if not 0 <= self.slicing_um < np.inf:
+            raise InputError(f"found {self.slicing_um:g}", key="--slicing-um", allowed="allowed: 0 or more")
+
+    def within(self, written: np.ndarray, target: HeightMap) -> np.ndarray:
+        """Keep heights printable, between a fiftieth of the target and the maximum; nothing is written beside it."""
+        shaped = self.printable.of(written, target)
+        return np.where(target.heights_um > 0, np.clip(shaped, target.heights_um / 50, self.maximum_um), 0.0)
+
+    def sliced(self, written: np.ndarray, footprint: np.ndarray) -> np.ndarray:
+        """Round to whole slices within the limits; at least one where something stands."""
+        if self.slicing_um == 0:
+            return written
+        most = np.floor(self.maximum_um / self.slicing_um + 1e-9)
+        return np.where(footprint, np.clip(np.round(written / self.slicing_um), 1, most) * self.slicing_um, 0.0)
+
+
+@dataclass(frozen=True)
+class Precompensation:
+    """The corrected target and how far it gets.
+
+    Parameters
+    ----------
+    corrected : HeightMap
+        What to write.
+    predicted : HeightMap
+        What will be printed, according to the same prediction.
+    reachable : numpy.ndarray of bool, shape (rows, cols)
+        False where no written height brings the print to the target: at the bounds, at walls, and for features
+        finer than the focus.
+    predictions : int
+        Predictions used in the search.
+    history : list of dict
+        rmse and largest error of every prediction, µm, over the footprint.
+    error_um : numpy.ndarray, shape (rows, cols)
+        Target − predicted print, 0 beside the part.
+    damped : int
+        How often a step was taken back because the error had grown.
+    largest_unrounded_um : float
+        Largest reachable error before the heights were rounded to slices.
+    """
+
+    corrected: HeightMap
+    predicted: HeightMap
+    error_um: np.ndarray
+    reachable: np.ndarray
+    predictions: int
+    history: list[dict[str, float]] = field(repr=False)
+    damped: int = 0
+    largest_unrounded_um: float = 0.0
+
+    def in_view(self, view: Continued) -> Precompensation:
+        """Return the correction where the target is, of one that was continued."""
+        corrected, predicted = view.in_view(self.corrected), view.in_view(self.predicted)
+        error_um, reachable = view.cut(self.error_um), view.cut(self.reachable)
+        return replace(self, corrected=corrected, predicted=predicted, error_um=error_um, reachable=reachable)
+
+    @property
+    def still_falling(self) -> bool:
+        """Whether the last `LAST` predictions lowered the rmse by more than a hundredth: more of them may help."""
+        errors = [step["rmse_um"] for step in self.history]
+        return len(errors) <= LAST or min(errors) < 0.99 * min(errors[:-LAST])
+
+    def summary(self) -> dict[str, object]:
+        """Return the report's figures."""
+        footprint = self.corrected.heights_um > 0
+        reached, missed = footprint & self.reachable, footprint & ~self.reachable
+        return {
+            "predictions": self.predictions,
+            "damped_steps": self.damped,
+            "rmse_um": {"before": self.history[0]["rmse_um"], "after": _rms(self.error_um[footprint])},
+            "largest_um": {"before": self.history[0]["largest_um"], "after": _largest(self.error_um[footprint])},
+            "reachable": {
+                "fraction": float(reached.sum() / max(footprint.sum(), 1)),
+                "rmse_um": _rms(self.error_um[reached]),
+                "largest_um": _largest(self.error_um[reached]),
+                "largest_to_initial": _largest(self.error_um[reached]) / self.history[0]["largest_um"],
+                "largest_unrounded_um": self.largest_unrounded_um,
+            },
+            "unreachable": {
+                "points": int(missed.sum()),
+                "rmse_um": _rms(self.error_um[missed]),
+                "largest_um": _largest(self.error_um[missed]),
+            },
+            "history": self.history,
+        }
+
+
+def precompensate(
+    target: HeightMap,
+    predict: Prediction,
+    *,
+    limits: Limits | None = None,
+    most_predictions: int = 10,
+    tolerance: float = 0.01,
+    memory: int = 5,
+    counted: np.ndarray | bool = True,
+    on_step: Callable[[int, float], None] = lambda count, error: None,
+) -> Precompensation:
+    """Solve predict(h') = h by corrected fixed-point steps.
+
+    The paper's loop is h' ← h' + (h − predict(h')), here `memory=0`. Anderson mixing (Walker & Ni 2011, type II) learns
+    from the last steps how the print answers, and converges where the plain loop creeps or swings. A step after which
+    the error has grown is halved and the memory forgotten. The footprint is kept: nothing is written where h = 0, and
+    something everywhere else. Places that do not answer are left alone, so that they do not run away.
+
+    Parameters
+    ----------
+    target : HeightMap
+    predict : callable
+        Any prediction HeightMap → HeightMap on the same grid.
+    limits : Limits, optional
+    most_predictions : int
+        Predictions allowed in the search; one more judges what is reachable, and one the rounding to slices.
+    tolerance : float
+        Stop once the largest reachable error is below this share of the initial one.
+    memory : int
+        Steps that Anderson mixing remembers; 0 = the paper's loop.
+    counted : numpy.ndarray of bool, shape (rows, cols), optional
+        Points whose errors count.
+    on_step : callable
+        Told the count of predictions and the present rmse, µm.
+
+    Raises
+    ------
+    InputError
+        The target cannot be written, or exceeds the limits.
+    ResultError
+        No step lowers the error.
+    """
+    check_target(target)
+    limits = limits or Limits()
+    h, footprint = target.heights_um, target.heights_um > 0
+    judged = footprint & counted
+    if h.max() > limits.maximum_um:
+        allowed = f"at least that; found {limits.maximum_um:g}"
+        raise InputError(f"target is {h.max():.4g} µm high", key="--maximum-um", allowed=allowed)
+
+    def error_of(written: np.ndarray) -> np.ndarray:
+        return np.where(footprint, h - predict(target.with_heights(written)).heights_um, 0.0)
+
+    error = error_of(h)
+    best = _Iterate(h, error)
+    history = [_figures(error[judged])]
+    on_step(1, history[0]["rmse_um"])
+    tolerated = tolerance * history[0]["largest_um"]
+    silent = np.where(footprint, 0, 2)  # full steps that a place has left unanswered; after two it is left alone
+    mixing, damped, scale = _Anderson(memory), 0, 1.0
+    while len(history) < most_predictions and scale > 1 / 16:
+        answers = silent < 2
+        if not (answers & judged).any() or np.abs(best.error[answers & judged]).max() <= tolerated:
+            break
+        mixed = mixing.next(best.written, np.where(answers, best.error, 0.0))
+        written = limits.within(best.written + scale * (mixed - best.written), target)
+        error = error_of(written)
+        history.append(_figures(error[judged]))
+        on_step(len(history), history[-1]["rmse_um"])
+        if scale == 1.0:
+            silent += ~_answers(best, written, error, tolerated)
+        if _rms(error[answers & judged]) < _rms(best.error[answers & judged]):
+            best, scale = _Iterate(written, error), 1.0
+        else:
+            damped, scale, mixing = damped + 1, scale / 2, _Anderson(0)
+    if best.written is h and damped:
+        raise ResultError(
+            "no step lowers the error of the prediction", key="precompensate", allowed="check the parameters"
+        )
+    trial = limits.within(best.written + best.error, target)
+    meant = np.abs(best.error) <= (steps_um(target) or 0.0) / 2  # a design in steps says nothing finer than half of one
+    reachable = ~footprint | meant | ((silent < 2) & _answers(best, trial, error_of(trial), tolerated))
+    final = limits.sliced(best.written, footprint)
+    error = best.error if final is best.written else error_of(final)
+    return Precompensation(
+        target.with_heights(final), target.with_heights(np.where(footprint, h - error, 0.0)), error,
+        reachable, len(history), history, damped, _largest(best.error[judged & reachable]),
+    )  # fmt: skip
+
+
+def correct(
+    target: HeightMap, process: ParameterSet, limits: Limits, *, continued: bool = False, **settings: Any
+) -> Precompensation:
+    """Solve for a process of the program's own; what an instrument adds is not corrected.
+
+    Parameters
+    ----------
+    target : HeightMap
+    process : ParameterSet
+    limits : Limits
+    continued : bool
+        The part goes on beyond its map as its mirror image, instead of ending there.
+    **settings
+        Of `precompensate`.
+    """
+    view = Continued.of(target, process) if continued else Continued(target, (0, 0))
+    counted = np.pad(np.ones(target.shape, dtype=bool), [(r, r) for r in view.room])
+    found = precompensate(
+        view.whole, lambda written: predict(written, process), limits=limits, counted=counted, **settings
+    )
+    return found.in_view(view)
+
+
+def steps_um(target: HeightMap) -> float | None:
+    """Return the height of the steps in which a design comes, µm; None where its heights are continuous.
+
+    Examples
+    --------
+    >>> slope = np.repeat([np.arange(1.0, 3.0, 0.01)], 9, axis=0)
+    >>> steps_um(HeightMap(np.round(slope, 1), 1, 1)), steps_um(HeightMap(slope + 1e-4 * slope**2, 1, 1))
+    (0.1, None)
+    """
+    heights = target.heights_um[target.heights_um > 0]
+    levels = np.unique(np.round(heights, 4))
+    if levels.size < 3 or levels.size > heights.size / 20:
+        return None
+    step = float(np.median(np.diff(levels)))
+    whole = np.abs(levels / step - np.round(levels / step)) * step < 1e-3
+    return round(step, 4) if step >= 0.01 and whole.all() else None
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """Heights written, and what the print then lacks, µm."""
+
+    written: np.ndarray
+    error: np.ndarray
+
+
+def _answers(before: _Iterate, written: np.ndarray, error: np.ndarray, tolerated: float) -> np.ndarray:
+    """Tell where the print moves by at least `UNREACHABLE_RESPONSE` of what it lacked, or lacked next to nothing."""
+    step = written - before.written
+    moved = before.error - error
+    small = np.abs(before.error) <= tolerated
+    return small | ((moved * np.sign(before.error) >= UNREACHABLE_RESPONSE * np.abs(before.error)) & (step != 0))
+
+
+class _Anderson:
+    """Anderson mixing: combine the last steps so that their changes cancel the present one."""
+
+    def __init__(self, memory: int) -> None:
+        self.memory = memory
+        self.points: list[np.ndarray] = []
+        self.steps: list[np.ndarray] = []
+
+    def next(self, point: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Return the next point from the present one and its step."""
+        self.points = [*self.points, point][-self.memory - 1 :]
+        self.steps = [*self.steps, step][-self.memory - 1 :]
+        if len(self.steps) < 2 or self.memory == 0:
+            return point + step
+        d_steps = np.stack([(step - s).ravel() for s in self.steps[:-1]], axis=1)
+        d_points = np.stack([(point - p).ravel() for p in self.points[:-1]], axis=1)
+        gram = d_steps.T @ d_steps
+        weights = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ (d_steps.T @ step.ravel())
+        return point + step - ((d_points + d_steps) @ weights).reshape(point.shape)
+
+
+def _figures(errors: np.ndarray) -> dict[str, float]:
+    return {"rmse_um": _rms(errors), "largest_um": _largest(errors)}
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max()) if values.size else 0.0

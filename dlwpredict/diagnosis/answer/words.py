@@ -1,0 +1,174 @@
+"""A diagnosis in the words of the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.classes import Named, strengths
+from dlwpredict.diagnosis.run import Diagnosis
+from dlwpredict.diagnosis.structure.test import SINGLE
+from dlwpredict.effects import library
+from dlwpredict.parameters import declarations
+
+UNTESTED = "Nothing was tested yet: no fit has been made."
+MOST_NAMES = 6
+"""Names that a sentence lists."""
+
+
+def side_of(names: Sequence[str]) -> str:
+    """Return the side of a class: print, measurement, or undecided where it has members on both."""
+    sides = {library()[name].side for name in names}
+    return sides.pop() if len(sides) == 1 else "undecided"
+
+
+def chance(probability: float) -> str:
+    """Return a probability in per cent; what is nearly sure or nearly impossible is called no more than that.
+
+    >>> chance(0.7312), chance(0.99996), chance(0.0001)
+    ('73 %', 'over 99.9 %', 'below 0.1 %')
+    """
+    if probability > 0.999:
+        return "over 99.9 %"
+    if probability < 0.001:
+        return "below 0.1 %"
+    return f"{100 * probability:.1f} %" if not 0.01 <= probability <= 0.99 else f"{100 * probability:.0f} %"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names, the first few of many.
+
+    >>> listed(["a", "b"]), listed(list("abcdefgh"))
+    ('a, b', 'a, b, c, d, e, f and 2 more')
+    """
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def missing(found: Diagnosis, *, finished: bool) -> str:
+    """Return what an answer lacks, empty where it is whole."""
+    if finished:
+        return ""
+    if found.not_tried:
+        return f"Not complete, {len(found.not_tried)} effects were not refitted yet ({listed(found.not_tried)})."
+    if not found.complete:
+        return "Not complete: the sets of effects that were refitted have not settled yet."
+    return "The search is complete; its intervals are those of a straight line, and no recording was advised."
+
+
+def sentence(found: Diagnosis, *, finished: bool = True) -> str:
+    """Return the verdict in one sentence; a second one says what is not known yet."""
+    lacks = missing(found, finished=finished)
+    return _verdict(found) + (f" {lacks}" if lacks else "")
+
+
+def _verdict(found: Diagnosis) -> str:
+    before, after = 1e3 * found.baseline.fit.rmse_um(), 1e3 * found.extended.fit.rmse_um()
+    if found.verdict == "none":
+        return (
+            f"Nothing beyond noise: the model predicts these recordings to {before:.1f} nm, the rest looks like noise."
+        )
+    if found.verdict == "unexplained":
+        named = ", ".join(" or ".join(item.names) for item in found.named)
+        if named:
+            return (
+                f"Part of the mismatch has no name: {named} explain {found.explained:.0%} of it "
+                f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."
+            )
+        if not found.complete:
+            return "Recording and prediction differ beyond noise; whether a named effect explains it is still open."
+        return "Recording and prediction differ beyond noise in a way that no named effect explains."
+    first = found.named[0]
+    gain = f"the error falls from {before:.1f} to {after:.1f} nm"
+    others = [item.effect.name for item in found.named[1:]]
+    more = f", with {' and '.join(others)}" if others else ""
+    if found.verdict == "identified":
+        return f"The model lacks {first.effect.name}{more}: {first.effect.meaning}; {gain}."
+    return f"The model lacks one of {', '.join(first.names)}{more}, which these data cannot tell apart; {gain}."
+
+
+def statement(item: Named, intervals: Mapping[str, tuple[float, float]]) -> str:
+    """Return a finding in a few sentences; the intervals are those of its model."""
+    effect, sizes = item.effect, strengths(item.effect, intervals)
+    said = []
+    for name, size in sizes.items():
+        meaning, unit = declarations(effect)[name][1].meaning, "" if size["unit"] == "1" else f" {size['unit']}"
+        said.append(f"{meaning}: {size['value']:.3g}{unit} ({size['low']:.3g} to {size['high']:.3g})")
+    text = f"{effect.meaning[0].upper()}{effect.meaning[1:]}; {'; '.join(said)}."
+    if item.others:
+        text += f" {', '.join(other.effect.name for other in item.others)} would fit as well, or nearly."
+    return f"{text} {surely(item)}"
+
+
+def surely(item: Named) -> str:
+    """Return how sure a finding is: that it is there, what of its class it is, and on which side."""
+    if len(item.members) == 1:
+        return f"Probability that it is there: {chance(item.probability)}."
+    each = ", ".join(f"{member.effect.name} {chance(member.probability)}" for member in item.members)
+    text = f"Probability that one of them is there: {chance(item.probability)}; of these: {each}"
+    if side_of(item.names) == "undecided":
+        text += f"; of the print {chance(item.sides['print'])}, of the measurement {chance(item.sides['measurement'])}"
+    return f"{text}."
+
+
+def kind_of_remainder(found: Diagnosis) -> str:
+    """Return what is left: none, smooth, ripple, spot or columns."""
+    if not found.extended.unexplained:
+        return "none"
+    strangest = min(found.extended.patterns, key=lambda one: (one.p_value, -one.excess))
+    if strangest.p_value >= SINGLE:
+        return "smooth"
+    return dict(zip(found.extended.patterns, ("ripple", "spot", "columns"), strict=True))[strangest]
+
+
+def remainder(found: Diagnosis) -> str:
+    """Return what is left, in words."""
+    kind = kind_of_remainder(found)
+    if kind == "none":
+        return "What is left looks like noise."
+    wave, lone, columns = found.extended.patterns
+    if kind == "ripple":
+        name = found.recordings[wave.pair].name
+        return (
+            f"A ripple of period {wave.period_um:.1f} µm runs at {round(wave.angle_deg)}° to x in {name}; "
+            "no named effect makes one."
+        )
+    if kind == "spot":
+        return (
+            f"A spot about {lone.fwhm_um:.1f} µm wide sits at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm in "
+            f"{found.recordings[lone.pair].name}: look there; no named effect makes one."
+        )
+    if kind == "columns":
+        return (
+            f"Lines along y differ by {1e3 * columns.size_um:.1f} nm from one another in "
+            f"{found.recordings[columns.pair].name}: of the print, or of a scan along y: repeats tell."
+        )
+    share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
+    return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."
+
+
+def tests(found: Diagnosis) -> list[dict[str, Any]]:
+    """Return the tests that need no library of effects."""
+    model, said = found.baseline, []
+    wave, lone, columns = model.patterns
+
+    def add(name: str, p_value: float, begin: str, more: str, less: str, level: float = SINGLE) -> None:
+        text = f"{begin} {more if p_value < level else less}"
+        said.append({"name": name, "p_value": p_value, "statement": text})
+
+    forms = "free forms (height, radius, edges, slope, place) explain"
+    part = "of the residual than of noise"
+    add("structure beyond noise", model.forms.p_value, forms, f"more {part}", f"no more {part}")
+    strongest = f"the strongest wave, period {wave.period_um:.1f} µm at {round(wave.angle_deg)}° to x, is"
+    add("ripple", wave.p_value, strongest, "more than noise", "no more than noise")
+    strongest = f"the strongest bump or dent, at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm, is"
+    add("spot", lone.p_value, strongest, "more than noise", "no more than noise")
+    whole = "whole columns differ"
+    add("lines along y", columns.p_value, whole, "from one another", "no more than noise does")
+    if found.agreement:
+        other = "other parameters: the model does not transfer"
+        alone = "every recording alone would give"
+        level = policy.LEVEL_STRUCTURE
+        add("one process for all recordings", found.agreement.p_value, alone, other, "the same parameters", level)
+    return said

@@ -1,0 +1,79 @@
+"""Signatures: what every candidate would change in these recordings about the place where a fit is, in µm.
+
+They know nothing of noise: computed once per place, they serve every noise model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlwpredict.diagnosis.library.candidates import Candidate, candidates
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer.model import lacking
+from dlwpredict.infer.objective import Fit, Work
+from dlwpredict.infer.trace import Trace, trace
+from dlwpredict.numerics.parallel import ALONE, Workers
+from dlwpredict.parameters import ParameterSet
+
+SMALL = 0.5
+"""Signatures are derivatives, taken by a step of this share of the typical size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signatures:
+    """What could change about a fit.
+
+    Parameters
+    ----------
+    at : Fit
+    chosen : list of Candidate
+        All effects that the fit does not have.
+    maps_um : list (candidate) of list (recording) of numpy.ndarray, shape (rows, cols)
+        Change per typical size: the derivative at off, by one forward difference; in single precision.
+    done_um : dict
+        Name of every named effect of the fit to the list (recording) of what it does there.
+    """
+
+    at: Fit
+    chosen: list[Candidate]
+    maps_um: list[list[np.ndarray]]
+    done_um: dict[str, list[np.ndarray]]
+
+    @classmethod
+    def of(cls, fitted: Fit, named: Sequence[str], work: Work, workers: Workers = ALONE) -> Signatures:
+        """Compute them where a fit is; `named` are its effects that a diagnosis has added."""
+        targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
+        chosen = candidates(parameters)
+        jobs = [
+            (candidate, target, parameters, before)
+            for candidate in chosen
+            for target, before in zip(targets, fitted.traces, strict=True)
+        ]
+        shares = [target.heights_um.size / sum(one.heights_um.size for one in targets) for target in targets]
+        found, per = workers.each(_change, jobs), len(targets)
+        work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(found))
+        maps = [change for change, _ in found]
+        done = {}
+        for name in named:
+            without = [
+                trace(t, lacking(parameters, [name]), b.numerics, b)
+                for t, b in zip(targets, fitted.traces, strict=True)
+            ]
+            work.predictions += sum(one.work * share for one, share in zip(without, shares, strict=True))
+            pairs = zip(fitted.traces, without, strict=True)
+            done[name] = [np.nan_to_num(a.heights_um - b.heights_um) for a, b in pairs]
+        return cls(fitted, chosen, [maps[k * per : (k + 1) * per] for k in range(len(chosen))], done)
+
+
+def _change(
+    candidate: Candidate, target: HeightMap, parameters: ParameterSet, known: Trace
+) -> tuple[np.ndarray, float]:
+    """Return the change per typical size, and the work that it took."""
+    effect = candidate.at(SMALL)
+    step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
+    moved = trace(target, replace(parameters, effects=(*parameters.effects, effect)), known.numerics, known)
+    change = np.nan_to_num(moved.heights_um - known.heights_um) / step
+    return change.astype(np.float32), moved.work

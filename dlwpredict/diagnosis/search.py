@@ -1,0 +1,239 @@
+"""The search: linearise, enumerate sets of effects, refit the leading ones; again from the best, until it stays."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.library.candidates import Bent
+from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
+from dlwpredict.diagnosis.library.signatures import Signatures
+from dlwpredict.diagnosis.posterior import Sets, Subset
+from dlwpredict.infer.fitter import Fitter, Start
+from dlwpredict.infer.model import Key, joined, key_of, lacking
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit
+from dlwpredict.parameters import ParameterSet
+
+Names = frozenset[str]
+
+START_SHARE = 0.5
+"""Refits begin at this share of the linear strength: the full one may overshoot where the law is not linear ..."""
+
+LEAST, FARTHEST = 0.05, 3.0
+"""... and between these typical sizes."""
+
+
+@dataclass(eq=False)
+class Search:
+    """Sets of effects beside a baseline, refitted.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    null : Null
+    baseline : Fit
+    signatures : dict
+        Signatures by names of the model that they were taken at: they outlive a noise model.
+    watch : callable
+        Called with the names of the best set so far, after every round.
+    fitted : dict
+        Best fits by names of their effects, the baseline's own aside.
+    spread : dict
+        Name to the standard deviation of scores along what the effect does.
+    """
+
+    fitter: Fitter
+    null: Null
+    baseline: Fit
+    signatures: dict[Names, Signatures]
+    watch: Callable[[Names], None] = lambda names: None
+    fitted: dict[Names, Fit] = field(default_factory=dict)
+    spread: dict[str, float] = field(default_factory=dict)
+    first: Linearised | None = None
+    asked: Thresholds | None = None
+
+    def __post_init__(self) -> None:
+        self.fitted[frozenset()] = self.baseline
+        self.first = self.linearised(frozenset())
+        self.asked = thresholds(self.first, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
+
+    def begin_with(self, earlier: Iterable[ParameterSet]) -> None:
+        """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
+        starts = {self.names(parameters): [Start(parameters, settled=True)] for parameters in earlier}
+        starts.pop(frozenset(), None)
+        for names in list(starts)[:1]:
+            self._refit({names: starts.pop(names)}, {names: -np.inf}, frozenset())
+            self._refit(starts, dict.fromkeys(starts, np.inf), names)
+
+    def run(self) -> Names:
+        """Return the names of the best set."""
+        best = self.rested()
+        for _ in range(policy.ROUNDS):
+            sets = Sets.of(self.linearised(best), self.price)
+            model, starts, promised = self.fitted[best], {}, {}
+            for one in sets.leading(best, self.width_of_set(best)):
+                begun = self._starts(model, sets, one)
+                if not self.fitter.has(begun[0]):
+                    starts[one.names], promised[one.names] = begun, sets.screen.cost - one.gain
+            self._refit(starts, promised, best)
+            before, best = best, self.rested()
+            self.watch(best)
+            if best == before:
+                break
+        return best
+
+    def price(self, effects: int) -> float:
+        """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.
+
+        The form of the strongest effect is trusted to a share of its energy. What it is wrong by is there for any
+        further effect to explain, which must gain more than that.
+        """
+        return self.asked.first + (effects - 1) * (self.asked.next + self.form_error) if effects else 0.0
+
+    @property
+    def form_error(self) -> float:
+        """2 ln L by which the form of the strongest effect may be wrong."""
+        singles = [self.baseline.cost - fit.cost for names, fit in self.fitted.items() if len(names) == 1]
+        strongest = max(singles, default=float(np.max(self.first.z**2, initial=0.0)))
+        return policy.FORM_ERROR * max(strongest, 0.0)
+
+    def needed(self, names: Names, name: str) -> float:
+        """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors."""
+        alone = len(names) == 1
+        noise = self.asked.first if alone else self.asked.next
+        return noise * self.spread.get(name, 1.0) ** 2 + (0.0 if alone else self.form_error)
+
+    def near(self) -> list[ParameterSet]:
+        """Return where the best fit is, and those that come near it: another noise model might prefer them."""
+        best = self.best()
+        limit = self.fitted[best].cost + self.width_of_set(best)
+        reduced = [best - {name} for name in best]
+        others = [names for names in self.fitted if names != best]
+        near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
+        return [self.fitted[names].parameters for names in (best, *near)]
+
+    def width_of_set(self, names: Names) -> float:
+        """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""
+        gain = max(self.baseline.cost - self.fitted[names].cost, 0.0)
+        return policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+
+    def linearised(self, names: Names) -> Linearised:
+        """Linearise about the best fit of a set; signatures are taken there once."""
+        model = self.fitted[names]
+        if names not in self.signatures:
+            objective = self.fitter.objective
+            self.signatures[names] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers)
+        screen = Linearised.of(self.signatures[names], model, self.null, self.fitter.objective)
+        for k in np.argsort(np.abs(screen.z), kind="stable"):
+            self.spread[screen.chosen[k].name] = float(screen.spread[k])
+        self.spread |= dict(zip(screen.named, map(float, screen.named_spread), strict=True))
+        return screen
+
+    def best(self) -> Names:
+        """Return the set of least cost in which every effect gains what noise and numerics hardly ever give it.
+
+        Reduced models that have to be fitted for that are sets as well, and may be the best.
+        """
+        found, known = frozenset(), 0
+        while len(self.fitted) > known:
+            known = len(self.fitted)
+            order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
+            found = next(names for names in order if self._admissible(names))
+        return found
+
+    def rested(self) -> Names:
+        """Return the best set, brought to convergence where only its quick fit was known."""
+        best = self.best()
+        if best:
+            self.fitted[best] = self.fitter.best(Start(self.fitted[best].parameters))
+        return best
+
+    def names(self, parameters: ParameterSet) -> Names:
+        """Return the names of the effects that the baseline has not."""
+        own = {effect.name for effect in self.baseline.parameters.effects}
+        return frozenset(effect.name for effect in parameters.effects) - own
+
+    def without(self, names: Names, name: str) -> Fit:
+        """Return the reduced model: the best fit of a set without one of its effects."""
+        fewer = names - {name}
+        if fewer not in self.fitted:
+            model = self.fitted[names]
+            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]}, {fewer: -np.inf}, names)
+        return self.fitted[fewer]
+
+    def gain(self, names: Names, name: str) -> float:
+        """Return the 2 ln L that an effect of a set brings beside the others."""
+        return self.without(names, name).cost - self.fitted[names].cost
+
+    def width(self, gain: float, name: str, left: float = 0.0) -> float:
+        """Return the temperature of a slot: how many times farther apart than by noise two names must be.
+
+        By as much more as the spread along the effect is larger; by what the form of an effect may be wrong, a share of
+        its gain; and by what is left without a name, which may have tipped the balance.
+        """
+        return self.spread.get(name, 1.0) ** 2 + (policy.FORM_ERROR * gain + left) / policy.WIDTH
+
+    def _admissible(self, names: Names) -> bool:
+        """Tell whether every effect of a set gains its own; and whether all together do."""
+        if not names:
+            return True
+        return all(self.gain(names, name) >= self.needed(names, name) for name in names)
+
+    def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
+        """Return where the refit of a set begins: the model without what leaves, with what comes in.
+
+        The process has answered to it to first order. Small, where tangents hold; and where one effect comes in, as
+        large as it is typically: what the process has taken most of is lowest far from where its tangent points.
+        """
+        kept = lacking(model.parameters, [name for name in sets.screen.named if name not in subset.kept])
+        strengths = sets.strengths(subset)
+        small = [START_SHARE * float(np.clip(a, -FARTHEST, FARTHEST)) for a in strengths]
+        small = [a if abs(a) > LEAST else LEAST * (np.sign(a) or 1.0) for a in small]
+        found = [self._at(kept, sets, subset, small)]
+        if len(subset.added) == 1:
+            large = [float(np.sign(a) * np.clip(abs(a), 1.0, FARTHEST)) for a in small]
+            found += [self._at(kept, sets, subset, large)] if large != small else []
+        return [Start(parameters, model) for parameters in found]
+
+    def _at(self, kept: ParameterSet, sets: Sets, subset: Subset, shares: Sequence[float]) -> ParameterSet:
+        """Return a process with candidates at these strengths, in typical sizes."""
+        effects, moved = [], defaultdict(float)
+        for k, share in zip(subset.added, shares, strict=True):
+            candidate = sets.screen.chosen[k]
+            effects.append(candidate.at(share))
+            size = np.sqrt(max(share, 0.0)) if isinstance(candidate, Bent) else share
+            for name, change in sets.screen.answers[k].items():
+                moved[name] += size * change
+        process = joined(kept, effects, self.baseline.free)
+        free = self.fitter.free(process)
+        values = [value + moved[name] for name, value in zip(free.names, free.start, strict=True)]
+        return free.parameters(free.allowed(np.array(values)))
+
+    def _refit(self, starts: dict[Names, list[Start]], promised: dict[Names, float], beside: Names) -> None:
+        """Refit sets that were proposed beside the best one, with full care where they may matter.
+
+        In the place of an effect, one that comes near; as one more, one that may gain half of what it needs.
+        """
+        keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
+        here = self.fitted[beside].cost
+
+        def limit(key: Key, costs: Mapping[Key, float]) -> float:
+            same = [cost for other, cost in costs.items() if len(keys[other]) == max(len(beside), 1)]
+            least = min([here, *same])
+            more = len(keys[key]) - max(len(beside), 1)
+            if more > 0:
+                return least - policy.HALF * (self.price(len(keys[key])) - self.price(len(keys[key]) - more))
+            gain = max(self.baseline.cost - least, 0.0)
+            reach = policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+            return least + (reach if beside else max(reach, policy.SHORT * gain))
+
+        known = {key: promised[names] for key, names in keys.items() if not beside or len(names) <= len(beside)}
+        for key, fit in self.fitter.contest(list(starts.values()), known, limit).items():
+            names = keys[key]
+            if names not in self.fitted or fit.cost < self.fitted[names].cost:
+                self.fitted[names] = fit

@@ -1,0 +1,168 @@
+"""The nameless competitor: how much of a residual free forms explain, and how surely that is more than noise.
+
+This is the test that needs no library, the judge of every name, and the source of the places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from dlwpredict.diagnosis.structure.freeform import free_forms
+from dlwpredict.infer.objective import Fit
+
+SMALLEST = 1e-3
+"""Directions shorter than this share of their columns' length are dropped: what the fit explains anyway."""
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energy of a residual along some free forms, in units of the noise.
+
+    Parameters
+    ----------
+    excess : float
+        χ² above what noise alone has there on average.
+    p_value : float
+        Probability that noise alone has as much.
+    """
+
+    excess: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Forms:
+    """Whitened free forms of every recording.
+
+    Parameters
+    ----------
+    families : tuple of dict
+        For each recording, family to columns, shape (points, columns).
+    """
+
+    families: tuple[dict[str, np.ndarray], ...]
+
+    @classmethod
+    def of(cls, fitted: Fit) -> Forms:
+        """Whiten the free forms about a fit."""
+        found = []
+        for item, trace in zip(fitted.data, fitted.traces, strict=True):
+            forms = free_forms(item.recording.target, trace.heights_um)
+            white = {family: item.white(columns) for family, columns in forms.items()}
+            found.append({f: c / np.maximum(np.linalg.norm(c, axis=0), 1e-12) for f, c in white.items()})
+        return cls(tuple(found))
+
+    @property
+    def every(self) -> list[tuple[int, str]]:
+        """All (recording, family)."""
+        return [(k, family) for k, families in enumerate(self.families) for family in families]
+
+    @property
+    def places(self) -> dict[tuple[int, str], np.ndarray]:
+        """Which of all columns belong to each (recording, family)."""
+        ends = np.cumsum([0, *(self.families[k][family].shape[1] for k, family in self.every)])
+        return {key: np.arange(a, b) for key, a, b in zip(self.every, ends, ends[1:], strict=False)}
+
+    @property
+    def blocks(self) -> list[np.ndarray]:
+        """Columns of every recording, shape (points, columns)."""
+        return [np.column_stack(list(families.values())) for families in self.families]
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Columns of each recording beside what a fit may move, by the scalar products that tests on parts of them need.
+
+    Parameters
+    ----------
+    fitted : Fit
+    blocks : list of numpy.ndarray, shape (points, columns)
+        Columns of every recording, as they are.
+    products : numpy.ndarray, shape (columns, columns)
+        Beside the fit, all recordings' columns one after the other.
+    residual : numpy.ndarray, shape (columns,)
+        With the fit's residual.
+    draws : numpy.ndarray, shape (columns, draws)
+        With the null's draws.
+    """
+
+    fitted: Fit
+    blocks: list[np.ndarray]
+    products: np.ndarray
+    residual: np.ndarray
+    draws: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: Fit, blocks: list[np.ndarray], draws: np.ndarray) -> Beside:
+        """Take out of columns what a fit may move: its nuisances, recording by recording, and its tangents.
+
+        Parameters
+        ----------
+        fitted : Fit
+        blocks : list of numpy.ndarray, shape (points, columns)
+        draws : numpy.ndarray, shape (rows, draws)
+            Of noise, beside the fit.
+        """
+        rows, tangents = fitted.rows, fitted.tangents
+        own = [x.T @ x - (a := n.T @ x).T @ a for x, n in zip(blocks, fitted.nuisances.above, strict=True)]
+        along = [tangents[rows.of(k)].T @ x for k, x in enumerate(blocks)]
+        ends = np.cumsum([0, *(x.shape[1] for x in blocks)])
+        crossed = np.concatenate(along, axis=1)
+        products = -crossed.T @ crossed
+        for square, a, b in zip(own, ends, ends[1:], strict=False):
+            products[a:b, a:b] += square
+        parts = [(x.T @ fitted.residual[rows.of(k)], x.T.astype(np.float32) @ draws[rows.of(k)])
+                 for k, x in enumerate(blocks)]  # fmt: skip
+        residual, noise = zip(*parts, strict=True)
+        return cls(fitted, blocks, products, np.concatenate(residual), np.concatenate(noise))
+
+    def energy(self, chosen: np.ndarray | slice = slice(None)) -> Energy:
+        """Return the energy of the residual along some of the columns.
+
+        Noise alone has there a χ² whose mean and variance are those of the null's draws (Satterthwaite), noise models
+        that differ from draw to draw included.
+        """
+        turn = self._directions(chosen)
+        if not turn.shape[1]:
+            return Energy(0.0, 1.0)
+        found = float(np.sum((turn.T @ self.residual[chosen]) ** 2))
+        nulls = np.sum((turn.T @ self.draws[chosen]) ** 2, axis=0)
+        mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
+        return Energy(found - mean, float(special.chdtrc(2 * mean**2 / variance, max(found * 2 * mean / variance, 0))))
+
+    def _directions(self, chosen: np.ndarray | slice) -> np.ndarray:
+        """Return the matrix that makes an orthonormal basis of some columns, shape (columns, directions)."""
+        values, vectors = np.linalg.eigh(self.products[chosen][:, chosen])
+        real = values > SMALLEST * max(values[-1], SMALLEST)
+        return vectors[:, real] / np.sqrt(values[real])
+
+    def structure_um(self) -> float:
+        """Return the root mean square of what the columns explain of the residual, less what noise has there, µm."""
+        fitted, turn = self.fitted, self._directions(slice(None))
+        along = turn.T @ self.residual
+        weights = np.split(turn @ along, np.cumsum([x.shape[1] for x in self.blocks])[:-1])
+        found = fitted.beside(fitted.rows.stack([x @ w for x, w in zip(self.blocks, weights, strict=True)]))
+        parts = [item.whitener.solve(part) for item, part in zip(fitted.data, fitted.rows.split(found), strict=True)]
+        share = 1 - len(along) / max(float(along @ along), len(along), 1.0)
+        return float(np.sqrt(share * sum(float(part @ part) for part in parts) / fitted.rows.data))
+
+
+def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
+    """Test whether every recording alone would give the same parameters; None with a single recording.
+
+    To first order: the energy that parameters free per recording explain beyond the shared ones.
+
+    Parameters
+    ----------
+    fitted : Fit
+    draws : numpy.ndarray, shape (rows, draws)
+        Of noise, beside the fit.
+    """
+    if len(fitted.data) < 2:
+        return None
+    own = [fitted.jacobian[fitted.rows.of(k)] for k in range(len(fitted.data))]
+    scale = np.maximum(np.linalg.norm(fitted.jacobian, axis=0), 1e-12)
+    return Beside.of(fitted, [block / scale for block in own], draws).energy()

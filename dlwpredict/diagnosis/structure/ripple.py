@@ -1,0 +1,75 @@
+"""Ripples: waves of one period and direction, which no form of place or height follows and noise models absorb."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from dlwpredict.diagnosis.structure.largest import LARGEST_OF, p_of_largest
+from dlwpredict.infer.objective import Fit
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """The strongest wave in the whitened residuals.
+
+    Parameters
+    ----------
+    pair : int
+    period_um : float
+    angle_deg : float
+        Direction in which the waves follow each other, counter-clockwise from x, −90 to 90.
+    excess : float
+        Energy in units of the noise, above its average.
+    p_value : float
+        Probability that noise alone has as strong a wave anywhere.
+    """
+
+    pair: int
+    period_um: float
+    angle_deg: float
+    excess: float
+    p_value: float
+
+    @property
+    def where(self) -> str:
+        """In words: everywhere, but in waves."""
+        return f"in waves of period {self.period_um:.1f} µm, at {round(self.angle_deg)}° to x"
+
+
+def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
+    """Test the largest ordinate of the periodogram (Fisher 1929) of every whitened residual.
+
+    Ordinates are divided by what the null's draws have there on average, those of a draw by what the others have: by an
+    average with itself in it, it would seem smaller than a residual.
+
+    Parameters
+    ----------
+    fitted : Fit
+    draws : numpy.ndarray, shape (rows, draws)
+        From `Null.beside` this fit.
+    """
+    found = []
+    for k, item in enumerate(fitted.data):
+        used, grid, rows = item.recording.used, item.recording.target, fitted.rows.of(k)
+        powers = np.stack([_periodogram(draw, used) for draw in draws[rows, :LARGEST_OF].T])
+        whole, others = powers.sum(axis=0), len(powers) - 1
+        largest = (others * powers / (whole - powers)).max(axis=(1, 2))
+        power = _periodogram(fitted.residual[rows], used) / powers.mean(axis=0)
+        row, col = np.unravel_index(np.argmax(power), power.shape)
+        fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um)[row], fft.rfftfreq(used.shape[1], grid.dx_um)[col]
+        p_value = p_of_largest(power[row, col], largest, of=len(fitted.data))
+        angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
+        found.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
+    return min(found, key=lambda one: one.p_value)
+
+
+def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return the periodogram of whitened values on a map, zeros where nothing counts; the mean is left out."""
+    plane = np.zeros(used.shape)
+    plane[used] = white
+    power = np.abs(fft.rfft2(plane)) ** 2 / used.sum()
+    power[0, 0] = 0.0
+    return np.maximum(power, 1e-12)

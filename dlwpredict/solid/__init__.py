@@ -1,0 +1,1 @@
+"""Solids: from a height map to a watertight mesh and back."""

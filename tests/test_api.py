@@ -1,0 +1,106 @@
+"""What `import dlwpredict` gives: light, complete, and the same as the commands."""
+
+import pkgutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import dlwpredict as dlw
+from dlwpredict import api
+from dlwpredict.cli.commands import NAMES as COMMANDS
+
+VERBS = {"align", "calibrate", "design", "diagnose", "precompensate", "predict", "score"}
+
+
+@pytest.fixture(scope="module")
+def target():
+    return dlw.design("air", size_um=16, pitch_um=0.5, margin_um=4, seed=1)
+
+
+@pytest.fixture(scope="module")
+def recording(target):
+    rng = np.random.default_rng(0)
+    printed = dlw.predict(target, dlw.ParameterSet())
+    return printed.with_heights(printed.heights_um + rng.normal(0, 0.005, printed.shape))
+
+
+def test_import_brings_nothing_along():
+    code = "import sys, dlwpredict; print(any(m.startswith(('numpy', 'scipy', 'dlwpredict.')) for m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_every_name_is_there_and_says_what_it_does():
+    for name in dlw.__all__:
+        assert getattr(dlw, name).__doc__, name
+    assert set(dlw.__all__) <= set(dir(dlw)) and set(COMMANDS) & VERBS == VERBS
+    with pytest.raises(AttributeError, match="no attribute 'print'"):
+        dlw.print  # noqa: B018
+
+
+def test_names_of_verbs_stay_verbs():
+    """A module of the same name would take the place of the verb once it is imported."""
+    modules = {info.name for info in pkgutil.iter_modules(dlw.__path__)}
+    assert modules & set(dlw.__all__) == {"effects"}
+
+
+def test_files_come_back_as_they_were_written(tmp_path, target):
+    assert dlw.write(tmp_path / "target.tif", target) == []
+    assert np.abs(dlw.read(tmp_path / "target.tif").heights_um - target.heights_um).max() < 1e-5
+    dlw.write_parameters(tmp_path / "process.yaml", dlw.ParameterSet())
+    assert dlw.read_parameters(tmp_path / "process.yaml").paper == dlw.ParameterSet().paper
+
+
+def test_what_was_printed_is_calibrated_and_corrected(target, recording):
+    found = dlw.calibrate([(target, recording)], fix=["crosslink_fwhm_z_um"])
+    printed = dlw.predict(target, found.parameters)
+    assert dlw.score(recording, printed).rmse_um < 0.01
+    better = dlw.precompensate(target, found.parameters, most_predictions=5)
+    parts = [dlw.score(target, one, part_only=True).rmse_um for one in (printed, better.predicted)]
+    assert parts[1] < parts[0] / 2
+
+
+@pytest.mark.slow
+def test_a_diagnosis_says_itself(target, recording):
+    found = dlw.diagnose([(target, recording)])
+    assert found.verdict == "none" and found.findings == []
+    assert str(found).startswith("Nothing beyond noise") and "<b>Nothing beyond noise" in found._repr_html_()
+    assert dlw.score(recording, dlw.predict(target, found.parameters)).rmse_um < 0.015  # rims, which no fit sees, too
+
+
+def test_an_open_side_is_not_corrected(target):
+    paper, effects = dlw.ParameterSet().paper, dlw.effects.library()
+    open_side = api.ParameterSet(
+        effects=(effects["vignetting"](strength=0.1),),
+        undecided=_undecided(paper, effects["vignetting"](strength=0.1)),
+    )
+    with pytest.raises(dlw.InputError, match="open for vignetting"):
+        dlw.precompensate(target, open_side)
+
+
+def _undecided(paper, effect):
+    from dlwpredict.parameters import Process, Undecided
+
+    return Undecided((effect.name,), Process(paper, (effect,)), Process(paper, ()))
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda one: dlw.design("vase"), "found vase"),
+        (lambda one: dlw.plot(), "found 0 maps"),
+        (lambda one: dlw.calibrate([(one, one.with_heights(np.ones((3, 3))))]), "recording 1"),
+    ],
+)
+def test_bad_input_is_said_in_one_line(call, said, target):
+    with pytest.raises(dlw.InputError, match=said) as caught:
+        call(target)
+    assert "\n" not in str(caught.value)
+
+
+def test_maps_draw_themselves(tmp_path, target, recording):
+    for figure in (dlw.plot(target), dlw.plot(target, recording, names=("design", "print"))):
+        figure.savefig(tmp_path / "figure.png")
+        assert (tmp_path / "figure.png").stat().st_size > 10_000
