@@ -196,7 +196,7 @@ def test_a_program_that_changes_while_it_is_asked_proves_nothing(tmp_path, monke
     monkeypatch.setattr(prove, "sealed", lambda *rest: {"cases": {}})
     monkeypatch.setattr(prove, "told", lambda *rest: [])
     with pytest.raises(ValueError, match="changed while it was asked"):
-        prove.prove(tmp_path, SEED, {"null": 1}, every=9, processes=1)
+        prove.prove(tmp_path, SEED, [("null", 0)], every=9, processes=1)
 
 
 def test_answers_are_kept_for_one_state_of_the_program(sealed_case, monkeypatch):
@@ -371,12 +371,12 @@ def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp
 
     monkeypatch.setattr(answer, "_run", stand_in)
     monkeypatch.setattr(prove, "code_sha256", lambda: "code")
-    results, sealed = prove.prove(tmp_path, SEED, {"null": 2}, every=9, processes=1)
+    results, sealed = prove.prove(tmp_path, SEED, [("null", 0), ("null", 1)], every=9, processes=1)
     assert sorted(asked) == sorted(sealed["cases"]) == sorted(r["name"] for r in results) and len(asked) == 2
     assert [bool(r["baselines"]) for r in results] == [True, False]
     oracle = results[0]["baselines"]["oracle"]["unseen_um"]
     assert oracle < 0.01 < results[0]["unseen_um"]["seven"]  # the seven fitted, and the paper's defaults
-    again, _ = prove.prove(tmp_path, SEED, {"null": 2}, every=9, processes=1)
+    again, _ = prove.prove(tmp_path, SEED, [("null", 0), ("null", 1)], every=9, processes=1)
     assert len(asked) == 2 and again == json.loads(json.dumps(results))
     page.publish(tmp_path / "report", results, sealed, command="make prove", every=9)
     assert "2 of 2 = 100.0%" in (tmp_path / "report" / "README.md").read_text()

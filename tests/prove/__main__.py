@@ -86,7 +86,13 @@ def sealed(folder: Path, seed: int, jobs: Sequence[tuple[str, int]], pool: Execu
 
 
 def prove(
-    folder: Path, seed: int, mix: dict[str, int], *, every: int, processes: int = 2, minutes: float = math.inf
+    folder: Path,
+    seed: int,
+    jobs: Sequence[tuple[str, int]],
+    *,
+    every: int,
+    processes: int = 2,
+    minutes: float = math.inf,
 ) -> tuple[list[dict], dict]:
     """Return the results of all cases, and the seal with the state of the program that answered.
 
@@ -94,7 +100,7 @@ def prove(
     that the seal holds.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    jobs, code = list(listed(mix)), code_sha256()
+    code = code_sha256()
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         seal_of = sealed(folder, seed, jobs, pool)
         names = list(seal_of["cases"])
@@ -124,14 +130,16 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="a handful of cases of each kind")
     parser.add_argument("--report", type=Path, help="folder of the result; RUN_DIR/report without")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--cases", type=int, help="so many cases, the kinds in proportion; all without")
     parser.add_argument("--minutes", type=float, default=math.inf, help="ask nothing more after so long")
     chosen = parser.parse_args(words)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes started below
     started, report = time.monotonic(), chosen.report or chosen.folder / "report"
     mix, every = (QUICK, EVERY_QUICK) if chosen.quick else (FULL, EVERY)
+    jobs = list(listed(mix))[: chosen.cases]
     try:
         results, seal_of = prove(
-            chosen.folder, SEEDS[chosen.seed], mix, every=every, processes=chosen.processes, minutes=chosen.minutes
+            chosen.folder, SEEDS[chosen.seed], jobs, every=every, processes=chosen.processes, minutes=chosen.minutes
         )
     except ValueError as fault:
         print(f"error: {fault}", file=sys.stderr)

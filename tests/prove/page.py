@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from dlwpredict import __version__
 from dlwpredict.files.atomic import write_text
 from tests.prove import figures
 from tests.prove.judge import CONCEALMENTS
@@ -30,7 +31,7 @@ by the press's longer physics instead of the library's formula.
 
 Every number below stands in [`summary.json`](summary.json) with the names of the cases that it counts, and every case,
 with truth and answer, in [`cases.json`](cases.json). Median time of a diagnosis: {seconds:.0f} s; program under
-test: SHA-256 `{code}`.
+test: dlwpredict {version}, SHA-256 `{code}`.
 """
 
 CONCEALED = """An effect may be concealed in several ways at once: *name hidden* (nothing else hides it), *absorbed by
@@ -74,7 +75,7 @@ def text(results: Sequence[Mapping], lines: Sequence[Row], seal: Mapping, *, com
     every_case = len(seal["cases"])
     head = HEAD.format(
         all=every_case, count=len(results), kinds=counts, command=command, seed=seal["seed"], pixels=PIXELS,
-        pitch=PITCH_UM, limit=LIMIT_Z, seconds=seconds, code=seal["code"][:16],
+        pitch=PITCH_UM, limit=LIMIT_Z, seconds=seconds, version=__version__, code=seal["code"][:16],
         rest="; time ended before the others, in an order that the seal holds" * (len(results) < every_case),
     )  # fmt: skip
     parts = [head]
