@@ -34,12 +34,15 @@ $(VENV)/.installed: pyproject.toml
 include $(filter-out configs/workflow.mk,$(wildcard configs/*.mk))  # workflow.mk is for a lab's own folder
 
 # -- the daily targets ------------------------------------------------------------------------
-.PHONY: demo test check format docs clean
+.PHONY: demo test test-fast check format docs clean
 demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagnose, correct, print again, a page
 	@$(BIN)/python -m tests.bench.demo $(DEMO) $(SEVEN)
 
-test: $(VENV)/.installed ## Run the tests
-	$(BIN)/python -m pytest -p tests.skipped
+test: $(VENV)/.installed ## Run the tests, on all cores
+	$(BIN)/python -m pytest -p tests.skipped -n auto --dist loadfile
+
+test-fast: $(VENV)/.installed ## Run those tests that take no longer than a few seconds
+	$(BIN)/python -m pytest -p tests.skipped -n auto --dist loadfile -m "not slow"
 
 .PHONY: fuzz test-crash
 fuzz: $(VENV)/.installed ## Bad files against every reader (about an hour; FUZZ="--inputs 1000")
@@ -52,16 +55,27 @@ test-crash: $(VENV)/.installed ## Kill every command while it writes (CRASH="--k
 mutants: $(VENV)/.installed ## Write the numerics wrong, place by place: do the tests see it? (40 minutes; MUTANTS="--only mesh")
 	$(BIN)/python -m tests.mutants $(MUTANTS)
 
-check: $(VENV)/.installed ## Lint and check the format
+check: $(VENV)/.installed ## Lint, check format and types
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/mypy
 
 format: $(VENV)/.installed ## Format the code
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-docs: $(VENV)/.installed ## Write docs/commands.md from the commands; a test fails while it is stale
+docs: $(VENV)/.installed ## Write the pages of commands, effects and evidence; a test fails while one is stale
 	$(BIN)/python docs/make.py
+
+.PHONY: site pictures
+site: $(VENV)/.installed ## The documentation as a site, in runs/site
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --group site
+	$(BIN)/python -m sphinx -W --keep-going -q -c docs . $(RUNS)/site
+	echo '<meta http-equiv="refresh" content="0; url=docs/index.html">' > $(RUNS)/site/index.html
+
+pictures: demo ## Draw the pictures of the documentation anew
+	$(BIN)/python docs/picture.py $(DEMO)
+	$(BIN)/python docs/signatures.py
 
 clean: ## Remove the environment and all runs
 	rm -rf $(VENV) $(RUNS) *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -271,7 +271,8 @@ def plot(*maps: HeightMap, names: Sequence[str] = ()) -> Figure:
         raise InputError(f"found {len(maps)} maps", key="maps", allowed="allowed: one, or two on one grid")
     if len(maps) == 1:
         return plots.overview(maps[0], name=names[0] if names else "height map")
-    return plots.comparison(*maps, names=tuple(names) or ("reference", "test"))
+    reference, test = names or ("reference", "test")
+    return plots.comparison(*maps, names=(reference, test))
 
 
 def _recordings(pairs: Sequence[Pair], start: ParameterSet, wall_px: int) -> list[Recording]:
@@ -279,7 +280,6 @@ def _recordings(pairs: Sequence[Pair], start: ParameterSet, wall_px: int) -> lis
     found = []
     for number, (target, measured) in enumerate(pairs, 1):
         heights = measured.aligned if isinstance(measured, Alignment) else measured
-        names = {"name": f"recording {number}", "target_name": f"target {number}"}
-        checked = prepare(target, heights, wall_px=wall_px, **names)
+        checked = prepare(target, heights, name=f"recording {number}", target_name=f"target {number}", wall_px=wall_px)
         found.append(coarser(checked, working_factor(target, start)))
     return found

@@ -15,7 +15,7 @@ class InputError(ValueError):
     ----------
     what : str
         What was found.
-    where : str, optional
+    where : object, optional
         File (or option) that holds the fault. A reader that knows no file name leaves it empty;
         whoever knows the name adds it with `at`.
     key : str, optional
@@ -29,7 +29,7 @@ class InputError(ValueError):
     'p.yaml: threshold: found -1, allowed 0.05 to 0.95'
     """
 
-    def __init__(self, what: str, *, where: str = "", key: str = "", allowed: str = "") -> None:
+    def __init__(self, what: str, *, where: object = "", key: str = "", allowed: str = "") -> None:
         self.what, self.where, self.key, self.allowed = what, str(where), key, allowed
         super().__init__(what)
 

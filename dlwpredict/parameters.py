@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -61,7 +61,8 @@ def declare(
 
 def declarations(holder: Any) -> dict[str, tuple[float, Declaration]]:
     """Return default and declaration of every declared parameter of a dataclass, in order."""
-    return {f.name: (f.default, f.metadata["declaration"]) for f in fields(holder) if "declaration" in f.metadata}
+    known = ((f.name, f.default, f.metadata.get("declaration")) for f in fields(holder))
+    return {name: (cast(float, default), declared) for name, default, declared in known if declared is not None}
 
 
 def check_range(name: str, value: float, declaration: Declaration) -> None:
@@ -183,7 +184,7 @@ class Process:
     """
 
     paper: Paper
-    effects: tuple
+    effects: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -226,7 +227,7 @@ class ParameterSet:
     paper: Paper = field(default_factory=Paper)
     writing: Writing = field(default_factory=Writing)
     readings: Readings = field(default_factory=Readings)
-    effects: tuple = ()
+    effects: tuple[Any, ...] = ()
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)

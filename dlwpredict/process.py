@@ -155,4 +155,4 @@ def room_px(target: HeightMap, parameters: ParameterSet) -> tuple[int, int]:
             key="pitch",
             allowed=f"at least {reach / WIDEST_FOCUS_PX:.4g} µm for this focus; is the unit right (--pitch-um)?",
         )
-    return tuple(int(np.ceil(reach / pitch)) + 1 for pitch in (target.dy_um, target.dx_um))
+    return int(np.ceil(reach / target.dy_um)) + 1, int(np.ceil(reach / target.dx_um)) + 1

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from dlwpredict.cli import app
 from dlwpredict.designs import air, cin
+from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.parameters import Paper, ParameterSet, declarations
@@ -49,6 +50,49 @@ def test_the_reference_is_what_the_commands_say():
         assert made == kept, "docs/commands.md is stale: make docs"
     names = re.compile(r"^#+ .*$|`--?[a-z][\w-]*", re.MULTILINE)
     assert sorted(names.findall(made)) == sorted(names.findall(kept)), "docs/commands.md is stale: make docs"
+
+
+def test_the_pages_that_are_made_are_fresh():
+    made = runpy.run_path(str(DOCS / "make.py"))
+    for name in ("effects", "evidence"):
+        assert made[name]() == (DOCS / f"{name}.md").read_text(encoding="utf-8"), f"docs/{name}.md is stale: make docs"
+    drawn = {path.stem for path in (DOCS / "signatures").glob("*.png")}
+    assert drawn == set(library()), "docs/signatures is stale: make pictures"
+
+
+@pytest.mark.parametrize(
+    ("value", "wanted", "expected"),
+    [
+        (0.95, ">= 95 %", True),
+        (0.949, ">= 95 %", False),
+        (0.02, "<= 2 %", True),
+        (0.021, "<= 2 %", False),
+        (0.79, "90 to 98 %", False),
+        (0.99, "90 to 98 %", False),
+        (0.92, "90 to 98 %", True),
+        (1.2, "<= 1.1", False),
+        (-0.028, "within 10 %", True),
+        (0.0, "0", True),
+        (0.1, "0", False),
+        (1.0, "100 %", True),
+        (0.99, "100 %", False),
+        (0.66, "all", False),
+        (0.5, "", None),
+        (None, ">= 95 %", None),
+    ],
+)
+def test_what_was_missed_is_called_missed(value, wanted, expected):
+    assert runpy.run_path(str(DOCS / "make.py"))["met"](value, wanted) is expected
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 900
+
+
+def test_every_page_can_be_reached():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    for page in DOCS.glob("*.md"):
+        assert page.stem == "index" or re.search(rf"^{page.stem}$", index, re.MULTILINE), page.name
 
 
 def test_every_command_has_an_example_of_its_own():

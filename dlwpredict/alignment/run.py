@@ -206,7 +206,7 @@ def _report(
     return Alignment(
         aligned=level,
         pose=pose,
-        tilt_mrad=tuple(float(1e3 * slope) for slope in tilt),
+        tilt_mrad=(float(1e3 * tilt[0]), float(1e3 * tilt[1])),
         offset_um=float(offset),
         cc=cc,
         missing_fraction=float(1 - recording.measured.mean()),

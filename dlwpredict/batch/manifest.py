@@ -119,7 +119,7 @@ def _matching(pattern: str, folder: Path) -> list[str]:
 
 def _check_words(structures: list[dict[str, str]], lines: list[list[str]]) -> None:
     """Refuse a ``{word}`` that a structure lacks, and a word of a structure that no command uses."""
-    used = {}
+    used: dict[Any, Any] = {}
     for number, line in enumerate(lines):
         for word in _WORD.findall(" ".join(line)):
             used.setdefault(word, number)

@@ -118,7 +118,7 @@ class Precompensation:
         errors = [step["rmse_um"] for step in self.history]
         return len(errors) <= LAST or min(errors) < 0.99 * min(errors[:-LAST])
 
-    def summary(self) -> dict[str, object]:
+    def summary(self) -> dict[str, Any]:
         """Return the report's figures."""
         footprint = self.corrected.heights_um > 0
         reached, missed = footprint & self.reachable, footprint & ~self.reachable

@@ -60,8 +60,8 @@ class Continued:
         [2.0, 2.0, 4.0, 4.0]
         """
         paper = parameters.paper
-        width = np.hypot(paper.exposure_fwhm_xy_um, paper.crosslink_fwhm_xy_um) / FWHM_PER_SIGMA
-        room = tuple(int(np.ceil(REACH_SIGMAS * width / pitch)) for pitch in (target.dy_um, target.dx_um))
+        reach = REACH_SIGMAS * np.hypot(paper.exposure_fwhm_xy_um, paper.crosslink_fwhm_xy_um) / FWHM_PER_SIGMA
+        room = int(np.ceil(reach / target.dy_um)), int(np.ceil(reach / target.dx_um))
         return cls(target.with_heights(np.pad(target.heights_um, [(r, r) for r in room], mode="symmetric")), room)
 
     def in_view(self, shown: HeightMap) -> HeightMap:

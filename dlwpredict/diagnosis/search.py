@@ -13,6 +13,7 @@ from dlwpredict.diagnosis.library.candidates import Bent
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
+from dlwpredict.effects.base import Effect
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.model import Key, joined, key_of, lacking
 from dlwpredict.infer.null import Null
@@ -139,7 +140,8 @@ class Search:
 
         Reduced models that have to be fitted for that are sets as well, and may be the best.
         """
-        found, known = frozenset(), 0
+        found: Names = frozenset()
+        known = 0
         while len(self.fitted) > known:
             known = len(self.fitted)
             order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
@@ -202,7 +204,8 @@ class Search:
 
     def _at(self, kept: ParameterSet, sets: Sets, subset: Subset, shares: Sequence[float]) -> ParameterSet:
         """Return a process with candidates at these strengths, in typical sizes."""
-        effects, moved = [], defaultdict(float)
+        effects: list[Effect] = []
+        moved: dict[str, float] = defaultdict(float)
         for k, share in zip(subset.added, shares, strict=True):
             candidate = sets.screen.chosen[k]
             effects.append(candidate.at(share))

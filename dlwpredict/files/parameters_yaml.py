@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from dlwpredict.effects import library
-from dlwpredict.effects.base import settings
+from dlwpredict.effects.base import Effect, settings
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.provenance import note_input
@@ -135,7 +135,7 @@ def _readings(content: dict) -> Readings:
 def _effects(entries: Any, section: str) -> tuple:
     if not isinstance(entries, list):
         raise InputError(f"found {entries!r}", key=section, allowed="allowed: a list of {name: ..., parameters}")
-    built = []
+    built: list[Effect] = []
     for entry in entries:
         if not isinstance(entry, dict) or entry.get("name") not in list(library()):
             found = entry.get("name") if isinstance(entry, dict) else entry

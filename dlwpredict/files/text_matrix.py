@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,8 @@ def matrix_of(lines: list[tuple[int, str]]) -> tuple[np.ndarray, InputError | No
             texts = [line[:-1] for line in texts]
     if delimiter != "," and any("," in line for line in texts):
         texts = [line.replace(",", ".") for line in texts]
-    label, rows = None, []
+    label: str | None = None
+    rows: list[Any] = []
     for (number, _), text in zip(lines, texts, strict=True):
         cells = text.split(delimiter)
         if not rows:

@@ -74,7 +74,7 @@ def write_tiff(path: Path, height_map: HeightMap) -> list[str]:
         path,
         float32(height_map.heights_um),
         imagej=True,
-        resolution=tuple(1 / pitch for pitch in pitches),
+        resolution=(1 / pitches[0], 1 / pitches[1]),
         metadata=lines,
         extratags=extra,
         software="dlwpredict",

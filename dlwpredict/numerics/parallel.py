@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from importlib import import_module
 from multiprocessing import get_context, parent_process
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -91,14 +91,15 @@ class Workers:
     processes: int = 1
     module: str = __package__
     _pool: ProcessPoolExecutor | None = field(default=None, init=False)
-    _loading: list[Future] = field(default_factory=list, init=False)
+    _loading: list[Future[None]] = field(default_factory=list, init=False)
 
     def __enter__(self) -> Workers:
         if self.processes > 1:
             from concurrent.futures import ProcessPoolExecutor  # not above: other commands start sooner without it
 
-            begin = {"initializer": begin_worker, "initargs": (signal.SIG_DFL,)}
-            self._pool = ProcessPoolExecutor(self.processes, mp_context=get_context("spawn"), **begin)
+            self._pool = ProcessPoolExecutor(
+                self.processes, get_context("spawn"), initializer=begin_worker, initargs=(signal.SIG_DFL,)
+            )
             self._loading = [self._pool.submit(_load, self.module) for _ in range(self.processes)]
         return self
 
@@ -107,7 +108,7 @@ class Workers:
             self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = None
 
-    def each(self, function: Callable[..., Result], jobs: Sequence[tuple]) -> list[Result]:
+    def each(self, function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) -> list[Result]:
         """Return the function's results in the order of the jobs; a job is what it is called with.
 
         The function must be a module's, so that another process finds it by its name. Where the system has ended a

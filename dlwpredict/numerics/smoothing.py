@@ -184,10 +184,10 @@ def sparse_means(count: int, sigma_px: float, finer: int = 1) -> tuple[np.ndarra
     """
     step, pixels = sigma_px / WIDE_PIXELS_PER_SIGMA, np.arange(count)
     if step <= 1:
-        points = np.arange(-3, count + 3)
+        points = np.arange(-3.0, count + 3)
         taps = np.pad(gaussian_taps(sigma_px), 1)
         middle = len(taps) // 2
-        down = taps[np.clip(points[:, None] - pixels, -middle, middle) + middle]
+        down = taps[np.clip(points[:, None] - pixels, -middle, middle).astype(int) + middle]
     else:
         half = int(np.ceil((count - 1) / 2 / step)) + 3
         points = (count - 1) / 2 + step * np.arange(-half, half + 1)  # a mirrored map has mirrored points

@@ -105,7 +105,7 @@ def parameter_rows(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[
 
 
 def _flat(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    found = {}
+    found: dict[Any, Any] = {}
     for name, value in parameters.items():
         if isinstance(value, Mapping):
             if not {"value", "low", "high"} <= value.keys():

@@ -175,7 +175,9 @@ def _centre_heights(heights: list[np.ndarray], written: list[np.ndarray]) -> np.
     return np.where(count == 3, (total - opposite) / 2, total)
 
 
-def _draw_back(centre: list, heights: np.ndarray, written: np.ndarray, first: int) -> tuple[np.ndarray, ...]:
+def _draw_back(
+    centre: list[np.ndarray], heights: np.ndarray, written: np.ndarray, first: int
+) -> tuple[np.ndarray, ...]:
     """Give corners that touch diagonally a centre node each, drawn back towards its pixel; return row, col, z."""
     extra = [np.zeros((3, 0))]
     w, h = _corners(written), _corners(heights)

@@ -41,7 +41,8 @@ class Canvas:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns with the room."""
-        return tuple(n + 2 * r for n, r in zip(self.target_shape, self.room_px, strict=True))
+        (rows, cols), (above, beside) = self.target_shape, self.room_px
+        return rows + 2 * above, cols + 2 * beside
 
     @property
     def view(self) -> Tile:

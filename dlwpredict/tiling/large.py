@@ -132,7 +132,8 @@ class Large:
 
 def halo_px(canvas: Canvas, reach_um: tuple[float, float]) -> tuple[int, int]:
     """Return rows and columns of a halo that is wide enough for a reach along y and x."""
-    return tuple(int(np.ceil(um / pitch)) + 2 for um, pitch in zip(reach_um, (canvas.dy_um, canvas.dx_um), strict=True))
+    along_y, along_x = reach_um
+    return int(np.ceil(along_y / canvas.dy_um)) + 2, int(np.ceil(along_x / canvas.dx_um)) + 2
 
 
 def place(printed: np.ndarray, heights_um: np.ndarray, tile: Tile, room_px: tuple[int, int]) -> None:
@@ -168,7 +169,7 @@ def canvas_of(
         band = np.asarray(heights_um[first : first + 256])
         missing += int(np.isnan(band).sum())
         low, high = np.fmin(low, np.fmin.reduce(band, axis=None)), np.fmax(high, np.fmax.reduce(band, axis=None))
-    grid = HeightMap([[low, high], [high, np.nan if missing else high]], dx_um, dy_um)
+    grid = HeightMap(np.array([[low, high], [high, np.nan if missing else high]]), dx_um, dy_um)
     if missing:
         raise InputError(f"{missing} points without a height", key="heights", allowed="a target must be complete")
     check_target(grid)

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.column_mean import coarse_factor
@@ -118,7 +120,7 @@ def halo_um(parameters: ParameterSet) -> Reach:
     The focus reaches as far as its widest part, effects on the target and on the dose add their own reach, the latter
     once more where conversion follows the dose, and cross-linking adds its own.
     """
-    spot = HeightMap([[1.0, 1.0], [1.0, 1.0]], 1.0, 1.0)
+    spot = HeightMap(np.ones((2, 2)), 1.0, 1.0)
     dose = run([step for step in steps(parameters, Levels(1)) if step.stage == "dose"], spot)
     active = _active(parameters, False)
     written = [reach_um(e) for e in active if e.stage == "target"]
@@ -148,7 +150,8 @@ def coarse_px(parameters: ParameterSet, dx_um: float, dy_um: float) -> tuple[int
 
     Windows begin on this grid, so that all take the same pixels together: next to walls it shows, by up to 4 nm.
     """
-    return tuple(coarse_factor(parameters.paper.crosslink_fwhm_xy_um, pitch) for pitch in (dy_um, dx_um))
+    width_um = parameters.paper.crosslink_fwhm_xy_um
+    return coarse_factor(width_um, dy_um), coarse_factor(width_um, dx_um)
 
 
 def _active(parameters: ParameterSet, as_measured: bool) -> list[Any]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
 from collections.abc import Mapping, Sequence
+from datetime import date
 from pathlib import Path
 
 from dlwpredict import __version__
@@ -59,7 +62,9 @@ def publish(folder: Path, results: Sequence[Mapping], seal: Mapping, *, command:
     folder.mkdir(parents=True, exist_ok=True)
     lines = rows(results)
     figures.save(folder, results)
-    found = {"rows": [line.content() for line in lines], "limits": limits(results)}
+    machine = f"{platform.system()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    about = {"version": __version__, "command": command, "machine": machine, "date": f"{date.today()}"}
+    found = {"about": about, "rows": [line.content() for line in lines], "limits": limits(results)}
     write_text(folder / "seal.json", json.dumps(seal, indent=1) + "\n")
     write_text(folder / "summary.json", json.dumps(_short(found), indent=1) + "\n")
     cases = ",\n".join(json.dumps(_short(r), separators=(",", ":")) for r in sorted(results, key=_place))
