@@ -4,6 +4,10 @@
 
 PROOF ?= sample_data/proof
 
+.PHONY: prove-real
+prove-real: real ## Add known effects to real recordings, sealed, and ask (an hour; RECORDINGS=...; result in docs/evidence)
+	$(BIN)/python -m tests.prove.spiked $(RUNS)/prove-real $(REAL) --report docs/evidence/spiked.json
+
 .PHONY: prove prove-quick
 prove: $(VENV)/.installed ## Prove the diagnosis on 240 sealed cases (an hour; result in sample_data/proof)
 	$(BIN)/python -m tests.prove $(RUNS)/prove --seed final --report $(PROOF)

@@ -45,6 +45,8 @@ def ask(folder: Path, name: str, code: str) -> dict:
     kept.parent.mkdir(parents=True, exist_ok=True)
     pairs = len(list(place.data(name).glob("target_*.tif")))
     words = [word for k in range(pairs) for word in ("--pair", f"target_{k}.tif", f"recording_{k}.tif")]
+    if (further := place.data(name) / "words.json").exists():
+        words += json.loads(further.read_text())
     with tempfile.TemporaryDirectory() as out:
         said, process = Path(out, "diagnosis.yaml"), Path(out, "extended.yaml")
         command = [sys.executable, "-c", "from dlwpredict.cli import main; main()", "diagnose", *words]

@@ -1,0 +1,314 @@
+"""Prove the diagnosis on real recordings: known effects added to them, sealed, asked, judged.
+
+python -m tests.prove.spiked RUN_DIR REAL_DIR --cases 24       what `make prove-real` does
+
+To a real recording that `align` has laid on its design is added what the virtual press prints with an effect less what
+it prints without. The same recording untouched is the control: counted is what the diagnosis says beyond it. A field is
+brought to pixels of 0.3 µm first; the press has the seven parameters that the control came to. Everything is kept in
+RUN_DIR, so that an interrupted run goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import platform
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import date
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from dlwpredict import __version__
+from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.atomic import write_text
+from dlwpredict.files.provenance import sha256
+from dlwpredict.heightmap import HeightMap
+from dlwpredict.metrology.regrid import resampled
+from tests.bench.cases import SIDES, alike, by_machine, in_terms_of, seen
+from tests.press import microscope_from, press_from
+from tests.prove.answer import answered, ask, code_sha256
+from tests.prove.hidden import NAMED, OUTSIDE, Hidden, named, outside
+from tests.prove.linear import SMOOTHNESS, Sight
+from tests.prove.mix import STRONGEST, name_of
+from tests.prove.sealed import Folder, strength
+from tests.prove.table import Row, counted, wilson
+
+SEED, WEAKEST = 771204, 0.5
+PITCH_UM = 0.3
+START = Path("configs/real.yaml")
+TRIES = 12
+"""Effects drawn for a case, until one can reach its strength on this field."""
+
+OUTSIDERS = ("particle", "vibration-ripple", "scratch", "line-jitter", "scan-wobble")
+EVERY_OUTSIDE = 6
+"""Every so manieth case has physics that the library does not have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Real:
+    """A real field beside what its own diagnosis came to: what a change is counted from.
+
+    Parameters
+    ----------
+    part, recording : HeightMap
+    process, noise : dict
+        In the press's words.
+    sight : Sight
+    plain : numpy.ndarray, shape (rows, cols)
+        The press's print of it.
+    """
+
+    part: HeightMap
+    recording: HeightMap
+    process: dict
+    noise: dict
+    sight: Sight
+    plain: np.ndarray
+
+    @classmethod
+    def of(cls, place: Folder, control: str) -> Real:
+        """Take up a control that was answered."""
+        part, recording = (read_height_map(place.data(control) / f"{what}_0.tif") for what in ("target", "recording"))
+        told = json.loads(place.answer(control).read_text())["diagnosis"]
+        process = {
+            name.replace("exposure_", "focus_"): found["value"]
+            for name, found in told["baseline"]["parameters"].items()
+        }
+        noise = noise_of(told["noise"][0])
+        return cls(part, recording, process, noise, Sight.of([part], process, noise), shown(part, process, []))
+
+    def change(self, entry: Mapping) -> np.ndarray:
+        """Return what an effect changes in the recording, µm, shape (rows, cols)."""
+        return np.nan_to_num(shown(self.part, self.process, [entry]) - self.plain)
+
+    def shares(self, entry: Mapping) -> dict[str, float]:
+        """Return what becomes of that change, beside all that a fit may move."""
+        return self.sight.shares([self.change(entry)])
+
+
+def noise_of(told: Mapping) -> dict:
+    """Return the noise that a diagnosis found, in the microscope's words: white with grain and jitter, and the rest."""
+    kind = next(k for k, (nu, _) in SMOOTHNESS.items() if nu == min((0.5, 1.5, np.inf), key=_near(told["smoothness"])))
+    white = math.hypot(told["white_um"], told["jitter_um"])
+    correlated = math.hypot(told["correlated_um"], told["row_um"], told["column_um"])
+    return {
+        "kind": kind,
+        "white_um": white,
+        "sigma_um": correlated,
+        "correlation_um": told["length_um"] / SMOOTHNESS[kind][1],
+    }
+
+
+def _near(smoothness: float):
+    return lambda nu: abs(1 / nu - 1 / float(smoothness))
+
+
+def shown(part: HeightMap, process: Mapping, effects: Sequence[Mapping]) -> np.ndarray:
+    """Return what an instrument shows of a print of the press but for noise, on the part's grid."""
+    own, artefacts = by_machine(effects)
+    grid = {"pitch_um": [part.dx_um, part.dy_um], "pixels": list(part.shape[::-1])}
+    press = press_from({**process, "effects": list(own)})
+    return seen(part, press, microscope_from({**grid, "effects": list(artefacts)}), finer=2).heights_um
+
+
+def control_of(folder: Path, real: Path, field: str, seed: int) -> str:
+    """Lay out an untouched field as a case; return its name."""
+    place, name = Folder(folder), name_of(SEED, f"control {field}", seed)
+    data = place.data(name)
+    if not (data / "words.json").exists():
+        data.mkdir(parents=True, exist_ok=True)
+        for what, source in (("target", "target"), ("recording", "aligned")):
+            write_height_map(
+                data / f"{what}_0.tif", resampled(read_height_map(real / field / f"{source}.tif"), PITCH_UM)
+            )
+        write_text(data / "words.json", json.dumps(["-p", str(START.resolve()), "--seed", str(seed)]))
+    return name
+
+
+def drawn(index: int, rng: np.random.Generator) -> Hidden:
+    """Draw what is added: the effects in turn, now and then physics that the library has not."""
+    if index % EVERY_OUTSIDE == EVERY_OUTSIDE - 1:
+        return outside(str(rng.choice(OUTSIDERS)), rng)
+    return named(str(rng.choice(NAMED)), rng)
+
+
+def spike(folder: Path, field: str, control: str, index: int) -> str:
+    """Make a case unless it is there; return its name."""
+    place, name = Folder(folder), name_of(SEED, "spike", index)
+    if place.truth(name).exists():
+        return name
+    rng, real = np.random.default_rng([SEED, index]), Real.of(place, control)
+    times = float(np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))))
+    for _ in range(TRIES):
+        truth = strength(drawn(index, rng), times, real)
+        if truth["times"] >= WEAKEST:
+            break
+    data = place.data(name)
+    data.mkdir(parents=True, exist_ok=True)
+    changed = real.recording.with_heights(real.recording.heights_um + real.change(truth["entry"]))
+    write_height_map(data / "target_0.tif", real.part)
+    write_height_map(data / "recording_0.tif", changed)
+    write_text(data / "words.json", json.dumps(["-p", str(START.resolve())]))
+    place.truth(name).parent.mkdir(parents=True, exist_ok=True)
+    write_text(place.truth(name), json.dumps({"field": field, "control": control, **truth}, indent=1, default=float))
+    return name
+
+
+def more_than(control: Mapping, told: Mapping) -> list[dict]:
+    """Return the findings that share no name with any of the control's."""
+    known = {name for finding in control["findings"] for name in finding["effects"]}
+    return [finding for finding in told["findings"] if not known & set(finding["effects"])]
+
+
+def found_of(told: Mapping, effect: Mapping) -> dict | None:
+    """Return value and interval of an effect's strength where it stands in a class; None where it does not."""
+    for finding in told["findings"]:
+        known = in_terms_of(effect["entry"], finding["parameters"].get(effect["name"]) or {})
+        if effect["switch"] in known:
+            return known[effect["switch"]]
+    return None
+
+
+def judged(folder: Path, name: str) -> dict:
+    """Return what a diagnosis says of a spiked recording beyond what it says of the untouched one."""
+    place = Folder(folder)
+    truth = json.loads(place.truth(name).read_text())
+    before, after = (json.loads(place.answer(one).read_text()) for one in (truth["control"], name))
+    result = {"name": name, "truth": truth, "seconds": after["seconds"], "verdict": "failed"}
+    if after["status"] != 0:
+        return result | {"complaint": after["complaint"]}
+    control, told = before["diagnosis"], after["diagnosis"]
+    new = more_than(control, told)
+    held = [finding for finding in new if truth["name"] in finding["effects"]]
+    here, there, size = found_of(told, truth), found_of(control, truth), abs(truth["value"] - truth["off"])
+    zero = there["value"] if there else truth["off"]
+    goal = zero + truth["value"] - truth["off"]
+    moved = bool(here and there) and abs(here["value"] - goal) < size / 2
+    grown = told["remainder"]["rms_um"] ** 2 - control["remainder"]["rms_um"] ** 2 > truth["left_um"] ** 2 / 2
+    strange = truth["name"] in OUTSIDE
+    first = new[0] if new else None
+    return result | {
+        "verdict": told["verdict"],
+        "new": [finding["effects"] for finding in new],
+        "control": [finding["effects"] for finding in control["findings"]],
+        "heard": bool(new) or moved or grown or told["verdict"] != control["verdict"],
+        "held": bool(held) or moved,
+        "alike": bool(first) and any(alike(truth["name"], one) for one in first["effects"]),
+        "alone": bool(held) and held[0]["effects"] == [truth["name"]],
+        "wrong_side": bool(first) and not strange and first["side"] not in ("undecided", SIDES[truth["name"]]),
+        "misnamed": bool(first) and told["verdict"] != "unexplained" and not held and not moved,
+        "covered": here["low"] <= truth["value"] - truth["off"] + zero <= here["high"]
+        if here and (held or moved)
+        else None,
+        "relative": (here["value"] - zero) / (truth["value"] - truth["off"]) - 1 if here and (held or moved) else None,
+    }
+
+
+def rows(results: Sequence[Mapping], again: Sequence[Mapping]) -> list[Row]:
+    """Return the table of all spiked cases, and of the controls that were asked twice."""
+    good = [r for r in results if r["verdict"] != "failed"]
+    known = [r for r in good if r["truth"]["name"] not in OUTSIDE]
+    strange = [r for r in good if r["truth"]["name"] in OUTSIDE]
+    strong = [r for r in known if r["truth"]["times"] >= 2]
+    heard = [r for r in strong if r["heard"]]
+    sized = [r for r in known if r["covered"] is not None]
+    return [
+        counted("spiked", "answered without failure", results, lambda r: r["verdict"] != "failed", "100 %"),
+        counted("spiked", "from twice the limit on: heard", strong, lambda r: r["heard"], ">= 90 %"),
+        counted("spiked", "... true one in a class that the control has not", heard, lambda r: r["held"], ">= 90 %"),
+        counted("spiked", "... or a look-alike of it", heard, lambda r: r["held"] or r["alike"], ""),
+        counted("spiked", "... wrong side", heard, lambda r: r["wrong_side"], "<= 2 %"),
+        counted("spiked", "weaker ones: heard", [r for r in known if r not in strong], lambda r: r["heard"], ""),
+        counted("spiked", "95 % intervals hold the strength", sized, lambda r: r["covered"], ">= 90 %"),
+        counted("spiked", "outside the library: heard", strange, lambda r: r["heard"], ""),
+        counted("spiked", "... given a name with confidence", strange, lambda r: r["misnamed"], "<= 10 %"),
+        counted("control", "untouched, asked again with another seed: more said", again, lambda r: r["more"], "<= 5 %"),
+    ]
+
+
+def prove(folder: Path, real: Path, cases: int, processes: int, minutes: float) -> dict:
+    """Return the table and all cases."""
+    fields = sorted(path.parent.name for path in real.glob("*/aligned.tif"))[::2]
+    code, last = code_sha256(), time.monotonic() + 60 * minutes
+    (folder / "data").mkdir(parents=True, exist_ok=True)
+    controls = {field: control_of(folder, real, field, 0) for field in fields}
+    twice = {field: control_of(folder, real, field, 1) for field in fields}
+    with ThreadPoolExecutor(processes) as askers:
+        list(askers.map(lambda name: ask(folder, name, code), controls.values()))
+    where = [fields[index % len(fields)] for index in range(cases)]
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        jobs = [pool.submit(spike, folder, field, controls[field], k) for k, field in enumerate(where)]
+        names = [job.result() for job in jobs]
+    seals = {name: sha256(Folder(folder).truth(name)) for name in names}
+    if not (path := folder / "seal.json").exists():
+        write_text(path, json.dumps({"seed": SEED, "cases": seals}, indent=1) + "\n")
+    if json.loads(path.read_text())["cases"] != seals:
+        raise ValueError(f"{folder}: sealed: with other cases; choose a new folder or remove it")
+    order = [
+        name for both in zip(names, [*twice.values(), *[None] * len(names)], strict=False) for name in both if name
+    ]
+
+    def asked(name: str) -> bool:
+        if time.monotonic() > last and not answered(folder, name, code):
+            return False
+        print(f"{name}: {ask(folder, name, code)['seconds']:.0f} s", flush=True)
+        return True
+
+    with ThreadPoolExecutor(processes) as askers:
+        done = dict(zip(order, askers.map(asked, order), strict=True))
+    results = [judged(folder, name) for name in names if done[name]]
+    again = [_again(folder, controls[field], name) for field, name in twice.items() if done.get(name)]
+    table = [row.content() for row in rows(results, again)]
+    return {"rows": table, "cases": results, "controls": again, "code": code, "fields": fields, "sealed": len(names)}
+
+
+def _again(folder: Path, control: str, name: str) -> dict:
+    first, second = (json.loads(Folder(folder).answer(one).read_text())["diagnosis"] for one in (control, name))
+    return {
+        "name": name,
+        "more": bool(more_than(first, second)),
+        "first": [f["effects"] for f in first["findings"]],
+        "second": [f["effects"] for f in second["findings"]],
+    }
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the proof; leave docs/evidence/spiked.json."""
+    parser = argparse.ArgumentParser(prog="python -m tests.prove.spiked", description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, metavar="RUN_DIR")
+    parser.add_argument("real", type=Path, metavar="REAL_DIR", help="what `make real` has left")
+    parser.add_argument("--cases", type=int, default=32)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="ask nothing more after so long")
+    parser.add_argument("--report", type=Path, help="file of the result; RUN_DIR/spiked.json without")
+    chosen = parser.parse_args(words)
+    found = prove(chosen.folder, chosen.real, chosen.cases, chosen.processes, chosen.minutes)
+    seconds = sorted(case["seconds"] for case in found["cases"]) or [0.0]
+    about = {
+        "title": "Effects added to real recordings",
+        "version": __version__,
+        "command": "make prove-real",
+        "machine": f"{platform.system()}, {platform.machine()}, Python {platform.python_version()}",
+        "date": f"{date.today()}",
+        "text": f"{len(found['cases'])} of {found['sealed']} sealed cases were asked, on {len(found['fields'])} "
+        "published AFM recordings of two-photon prints, one field each; median "
+        f"{seconds[len(seconds) // 2]:.0f} s. Counted is what is said beyond what is said of the untouched recording. "
+        "The limit is that of noise alone.",
+    }
+    report = chosen.report or chosen.folder / "spiked.json"
+    write_text(report, json.dumps(about | found, indent=1, default=float) + "\n")
+    for row in found["rows"]:
+        low, high = wilson(row["hit"], row["count"])
+        print(f"{row['what']:70} {row['hit']:3} of {row['count']:3} ({low:.0%} to {high:.0%})  {row['wanted']}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

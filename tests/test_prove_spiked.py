@@ -1,0 +1,78 @@
+"""The machinery of the spike-ins: noise in the microscope's words, and what counts as said beyond the control."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.prove import spiked
+from tests.prove.linear import noise_model
+from tests.prove.sealed import Folder
+
+GRID = type("Grid", (), {"dx_um": 0.3, "dy_um": 0.3})
+
+
+@pytest.mark.parametrize("smoothness", [0.5, 1.5, np.inf])
+def test_noise_found_is_the_noise_added(smoothness):
+    told = {"white_um": 0.003, "jitter_um": 0.004, "correlated_um": 0.012, "row_um": 0.003, "column_um": 0.004,
+            "length_um": 1.1, "smoothness": smoothness}  # fmt: skip
+    noise = noise_model(spiked.noise_of(told), GRID)
+    assert (noise.white_um, noise.correlated_um) == (pytest.approx(0.005), pytest.approx(0.013))
+    assert (noise.length_um, noise.smoothness) == (pytest.approx(1.1), smoothness)
+
+
+def finding(*names, side="print", **parameters):
+    return {"effects": list(names), "side": side, "parameters": parameters}
+
+
+def told(*findings, verdict="identified", rms_um=0.01):
+    return {"verdict": verdict, "findings": list(findings), "remainder": {"rms_um": rms_um}}
+
+
+TRUTH = {"name": "vignetting", "switch": "strength", "value": 0.2, "off": 0.0, "left_um": 0.008, "control": "control",
+         "entry": {"name": "vignetting", "strength": 0.2}, "times": 3.0}  # fmt: skip
+OWN = finding("slope-error", side="measurement")
+
+
+def strength(value, low, high):
+    return {"vignetting": {"strength": {"value": value, "low": low, "high": high}}}
+
+
+@pytest.mark.parametrize(
+    ("control", "after", "expected"),
+    [
+        (told(OWN), told(OWN), {"heard": False, "held": False}),
+        (told(OWN), told(OWN, finding("vignetting", "curl", **strength(0.19, 0.1, 0.3))),
+         {"heard": True, "held": True, "covered": True, "alone": False, "wrong_side": False}),
+        (told(OWN), told(OWN, finding("vignetting", **strength(0.3, 0.25, 0.35))), {"alone": True, "covered": False}),
+        (told(OWN), told(OWN, finding("field-curvature", side="measurement")),
+         {"heard": True, "held": False, "alike": True, "wrong_side": True, "misnamed": True}),
+        (told(finding("vignetting", **strength(0.1, 0.05, 0.15))),
+         told(finding("vignetting", **strength(0.31, 0.25, 0.35))), {"heard": True, "held": True, "covered": True}),
+        (told(OWN), told(OWN, rms_um=0.014), {"heard": True, "held": False, "misnamed": False}),
+        (told(OWN), told(OWN, verdict="unexplained"), {"heard": True}),
+    ],
+)  # fmt: skip
+def test_what_is_said_beyond_the_control(tmp_path, control, after, expected):
+    place = Folder(tmp_path)
+    for name, content in (("control", control), ("case", after)):
+        place.answer(name).parent.mkdir(exist_ok=True)
+        place.answer(name).write_text(json.dumps({"status": 0, "seconds": 1.0, "diagnosis": content}))
+    place.truth("case").parent.mkdir()
+    place.truth("case").write_text(json.dumps(TRUTH))
+    result = spiked.judged(tmp_path, "case")
+    assert {key: result[key] for key in expected} == expected
+
+
+def test_the_table_counts_by_strength():
+    base = {"verdict": "identified", "heard": True, "held": True, "alike": True, "wrong_side": False, "covered": None,
+            "misnamed": False}  # fmt: skip
+    results = [
+        {"name": "a", "truth": TRUTH, **base},
+        {"name": "b", "truth": TRUTH | {"times": 1.0}, **base, "heard": False},
+        {"name": "c", "truth": TRUTH | {"name": "particle"}, **base, "misnamed": True},
+    ]
+    counts = {row.what: (sum(row.hits), len(row.hits)) for row in spiked.rows(results, [{"name": "d", "more": False}])}
+    assert counts["from twice the limit on: heard"] == (1, 1)
+    assert counts["weaker ones: heard"] == (0, 1)
+    assert counts["... given a name with confidence"] == (1, 1)
