@@ -10,7 +10,7 @@ from dlwpredict import designs
 from dlwpredict.effects import library
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.descend import descend
-from dlwpredict.infer.fitter import Fitter, Start, _from_paper
+from dlwpredict.infer.fitter import Fitter, Start, far_widths, from_paper
 from dlwpredict.infer.free import Free, choose
 from dlwpredict.infer.intervals import deviations
 from dlwpredict.infer.model import freed
@@ -135,7 +135,14 @@ def test_a_parameter_is_as_uncertain_as_noise_numerics_and_priors_make_it(louder
     mean, prior = np.pad(whitener @ np.full(144, 0.005**2 / 144), (0, 3)), np.append(np.zeros(146), 0.4)
     item = SimpleNamespace(recording=SimpleNamespace(points=144, used=used), whitener=whitener)
     estimators = np.column_stack([mean, prior, 0 * mean])
-    fitted = SimpleNamespace(estimators=estimators, data=[item], rows=rows, residual=np.zeros(147))
+    fitted = SimpleNamespace(
+        estimators=estimators,
+        data=[item],
+        rows=rows,
+        residual=np.zeros(147),
+        vector=np.zeros(3),
+        parameters=ParameterSet(),
+    )
     expected = [np.hypot(louder * 0.005 / 12, 0.0004), 0.4, np.inf]
     assert deviations(fitted, Null(draws)) == pytest.approx(expected, rel=0.03)
     unit = np.column_stack([mean / np.linalg.norm(mean), 0 * mean])
@@ -218,9 +225,10 @@ def test_where_a_width_went_far_a_fit_begins_again_from_the_paper_and_typical_ef
     free = freed(far, choose(ParameterSet()))
 
     def again(process):
-        return _from_paper(SimpleNamespace(free=free, vector=free.values(process), parameters=process))
+        return from_paper(free, free.values(process))
 
-    assert again(near) is None
+    assert again(near) is None and far_widths(free, free.values(near)) == {}
+    assert far_widths(free, free.values(far)) == {"exposure_fwhm_z_um": -4.5}
     found = free.parameters(again(far))
     assert found.paper == Paper() and found.effects[0].rise_um == pytest.approx(-0.2)
 

@@ -12,6 +12,7 @@ from dlwpredict.cli.anytime import INTERRUPTED, LIMIT, TIME, end_workers, ending
 from dlwpredict.cli.console import warn
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.session import Outputs, Session, is_unfinished
+from dlwpredict.diagnosis.answer.halves import require_enough
 from dlwpredict.errors import InputError
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.numerics.parallel import cores_for_workers
@@ -35,6 +36,10 @@ def run(
     advice: Annotated[
         bool, typer.Option("--advice/--no-advice", help="Simulate the recordings that would tell look-alikes apart.")
     ] = True,
+    reproducible: Annotated[
+        bool,
+        typer.Option("--reproducible", help="Diagnose ten halves of four or more recordings: do they agree?"),
+    ] = False,
     wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
     working_pitch_um: Annotated[
         float | None,
@@ -56,6 +61,8 @@ def run(
     """
     if working_pitch_um is not None and not working_pitch_um > 0:
         raise InputError(f"found {working_pitch_um:g}", key="--working-pitch-um", allowed="allowed: above 0")
+    if reproducible:
+        require_enough(len(pair) // 2)
     outputs, session = Outputs(output, params_out, maps, report, plot), None
     with ending(time_limit) as end:
         try:
@@ -75,7 +82,7 @@ def run(
             )
             session.begin(jobs or cores_for_workers(), resume=resume)
             session.work.stop = end.stop
-            session.search(advice=advice)
+            session.search(advice=advice, reproducible=reproducible)
         except KeyboardInterrupt:
             end_workers()
         end.closed = True

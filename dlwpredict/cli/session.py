@@ -17,8 +17,10 @@ from dlwpredict.cli.anytime import said as about
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.diagnosis_files import maps_of, write_maps, write_report
 from dlwpredict.cli.streams import tell as figures
+from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer.advise import advise
 from dlwpredict.diagnosis.answer.content import FORMAT, content_of, untested
+from dlwpredict.diagnosis.answer.halves import Classes, halves, named_by, with_halves
 from dlwpredict.diagnosis.answer.sides import extended
 from dlwpredict.diagnosis.answer.words import listed
 from dlwpredict.diagnosis.run import STAGES, Course, Diagnosis, Stage, diagnose
@@ -209,7 +211,7 @@ class Session:
             self._write_answer()
         self.companion.write()
 
-    def search(self, *, advice: bool) -> None:
+    def search(self, *, advice: bool, reproducible: bool = False) -> None:
         """Diagnose, keeping every answer on the way."""
         with _progress(self._expected_s) as tell, Workers(self.processes, diagnose.__module__) as workers:
             try:
@@ -227,10 +229,24 @@ class Session:
                 if advice:
                     _advised(found, content)
                 self.process = extended(found, profiled) if self.outputs.params_out else None
-                self.best, self.content, self.finished = found, self._completed(content), True
+                self.best, self.content = found, self._completed(content)
+                if reproducible:
+                    self._write_answer()
+                    content = with_halves(content, list(self._halves(tell, workers)))
+                self.content, self.finished = self._completed(content), True
             except KeyboardInterrupt:
                 end_workers()
                 raise
+
+    def _halves(self, tell: Callable[[Stage], None], workers: Workers) -> Iterator[Classes]:
+        """Diagnose halves of the recordings."""
+        chosen = halves(len(self.recordings), policy.SPLITS, self.seed)
+        for number, half in enumerate(chosen, start=1):
+            tell(Stage("judgement", 0.99, f"half {number} of {len(chosen)}"))
+            stored = self.companion.stored.setdefault(f"half {half}", {})
+            course = Course(workers=workers, work=self.work, stored=stored)
+            yield named_by(half, self.recordings, self.start, self.repeats, self.seed, course)
+            self.companion.write()
 
     def keep(self, found: Diagnosis) -> None:
         """Write an answer that is valid already, unless it says less than the one that stands."""

@@ -59,6 +59,10 @@ FORM_ERROR = 0.05
 strength has 20 times the variance that it has alone, and no formula is trusted further than that (the bound on the
 variance inflation). Two names are told apart by no less."""
 
+SPLITS, REPRODUCED = 5, 0.8
+"""Times that recordings are halved at random, and the share of halves that must agree on a name: with eight of ten a
+name that chance puts into a half every other time passes once in twenty."""
+
 # -- verdict ----------------------------------------------------------------------------------
 EXPLAINED = 0.9
 """The named effects must explain this share of what forms without a name explain, where a remainder is significant."""

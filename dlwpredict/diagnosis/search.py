@@ -14,7 +14,7 @@ from dlwpredict.diagnosis.library.score import Linearised, Thresholds, threshold
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.effects.base import Effect
-from dlwpredict.infer.fitter import Fitter, Start
+from dlwpredict.infer.fitter import Fitter, Start, far_widths, from_paper
 from dlwpredict.infer.model import Key, joined, key_of, lacking
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
@@ -83,10 +83,35 @@ class Search:
                     starts[one.names], promised[one.names] = begun, sets.screen.cost - one.gain
             self._refit(starts, promised, best)
             before, best = best, self.rested()
+            if best == before:
+                hidden = self._behind_widths(model, sets.screen, best)
+                self._refit(hidden, dict.fromkeys(hidden, np.inf), best)
+                best = self.rested()
             self.watch(best)
             if best == before:
                 break
         return best
+
+    def _behind_widths(self, model: Fit, screen: Linearised, names: Names) -> dict[Names, list[Start]]:
+        """Return starts for effects whose place a width may have taken that came out far from its prior.
+
+        About such a width no tangent shows them. They are those that the process hides, and that could bring the width
+        back within their range; the process begins at the paper's seven.
+        """
+        far, largest = far_widths(model.free, model.vector), {}
+        for k in screen.hidden:
+            candidate = screen.chosen[k]
+            for size in (candidate.lowest, candidate.highest):
+                brought = [size * screen.answers[k].get(name, 0.0) / away for name, away in far.items()]
+                place = candidate.name, candidate.switch, size > 0
+                if max(brought, default=0.0) >= 1 and screen.whole[k] > largest.get(place, (0.0, k))[0]:
+                    largest[place] = float(screen.whole[k]), k
+        found: dict[Names, list[Start]] = defaultdict(list)
+        for (name, _, above), (_, k) in largest.items():
+            process = joined(model.parameters, [screen.chosen[k].at(1.0 if above else -1.0)], self.baseline.free)
+            free = self.fitter.free(process)
+            found[names | {name}].append(Start(free.parameters(from_paper(free, free.start))))
+        return {one: starts for one, starts in found.items() if self.fitter.reopened(starts[0])}
 
     def price(self, effects: int) -> float:
         """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.

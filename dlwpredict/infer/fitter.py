@@ -81,6 +81,12 @@ class Fitter:
         key = key_of(self.free(start.parameters))
         return key in self.known or key in self.quick
 
+    def reopened(self, start: Start) -> bool:
+        """Forget the quick fit of a model; tell whether another start may be tried: not where it is converged."""
+        key = key_of(self.free(start.parameters))
+        self.quick.pop(key, None)
+        return key not in self.known
+
     def best(self, *starts: Start) -> Fit:
         """Return the best fit of a model; all starts are of the same model."""
         key = key_of(self.free(starts[0].parameters))
@@ -190,7 +196,7 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     """
     first = objective.at(begun.free, begun.vector, begun) if begun else _quick(objective, like, starts)[0]
     found = _converged(objective, first, like)
-    other = None if any(start.settled for start in starts) else _from_paper(found)
+    other = None if any(start.settled for start in starts) else from_paper(found.free, found.vector)
     if other is not None:
         again = objective.differentiated(objective.at(found.free, other, found))
         again = descend(objective, again, secant=True, steps=LOOK)
@@ -214,20 +220,26 @@ def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:
     return min(found, descend(objective, other), key=lambda one: one.cost)
 
 
-def _from_paper(found: Fit) -> np.ndarray | None:
+def far_widths(free: Free, vector: np.ndarray) -> dict[str, float]:
+    """Return by how much every FWHM that came out far from its prior would have to move to be the paper's, µm."""
+    usual = {name: default for name, (default, _) in declarations(Paper).items() if "fwhm" in name}
+    values = {name: value for name, value in zip(free.names, vector, strict=True) if name in usual}
+    return {n: usual[n] - v for n, v in values.items() if abs(np.log(v / usual[n])) >= WIDTH_SD}
+
+
+def from_paper(free: Free, vector: np.ndarray) -> np.ndarray | None:
     """Return another place to begin, where a width came out far from its prior; else None.
 
     The seven stand at the paper's values there, and effects have at least their typical size: a width goes far because
     it answers to what an effect does, and an effect that it has taken the place of comes out small.
     """
-    seven = {name: default for name, (default, _) in declarations(Paper).items() if name in found.free.names}
-    values = dict(zip(found.free.names, found.vector, strict=True))
-    if all(abs(np.log(values[name] / seven[name])) < WIDTH_SD for name in seven if "fwhm" in name):
+    if not far_widths(free, vector):
         return None
-    values |= seven
-    for effect in found.parameters.effects:
+    values = dict(zip(free.names, vector, strict=True))
+    values |= {name: default for name, (default, _) in declarations(Paper).items() if name in free.names}
+    for effect in free.base.effects:
         for switch, typical in effect.switches().items():
             name, off = f"{effect.name}.{switch}", declarations(effect)[switch][0]
             if name in values and abs(values[name] - off) < abs(typical - off):
                 values[name] = off + abs(typical - off) * (np.sign(values[name] - off) or np.sign(typical - off))
-    return found.free.allowed(np.array(list(values.values())))
+    return free.allowed(np.array(list(values.values())))

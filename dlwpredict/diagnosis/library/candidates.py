@@ -68,6 +68,16 @@ class Candidate:
         return replace(self.effect, **{self.switch: float(value)})
 
     @property
+    def lowest(self) -> float:
+        """Strength at the end of the range on the side that the typical size is not on, in typical sizes: 0 or less."""
+        return min((end - self.off) / self.unit for end in (self.declaration.low, self.declaration.high))
+
+    @property
+    def highest(self) -> float:
+        """Strength at the end of the range on the side of the typical size, in typical sizes."""
+        return max((end - self.off) / self.unit for end in (self.declaration.low, self.declaration.high))
+
+    @property
     def sign(self) -> int:
         """Sign of the strength, in typical sizes, that alone is physical; 0 where both are."""
         return self.one_sided * int(np.sign(self.unit))

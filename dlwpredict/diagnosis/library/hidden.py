@@ -47,7 +47,7 @@ def bent(
         Change of the prediction beside the nuisances.
     """
     largest: dict[tuple[str, str], int] = {}
-    for k in np.flatnonzero((whole >= policy.SEEN) & (lengths < policy.TAKEN * whole)):
+    for k in hidden(whole, lengths, chosen):
         place = chosen[k].name, chosen[k].switch
         if place not in largest or whole[k] > whole[largest[place]]:
             largest[place] = int(k)
@@ -65,6 +65,15 @@ def bent(
             columns.append(model.residual - answered(objective, model, candidate).residual)
             found.append(candidate)
     return found, np.stack(columns, axis=1) if columns else np.zeros((model.rows.total, 0))
+
+
+def hidden(whole: np.ndarray, lengths: np.ndarray, chosen: Sequence[Candidate]) -> list[int]:
+    """Return the candidates of which the process takes all but little, though their typical size stands out before.
+
+    Second columns, which `Bent` are, are none.
+    """
+    taken = np.flatnonzero((whole >= policy.SEEN) & (lengths < policy.TAKEN * whole))
+    return [int(k) for k in taken if not isinstance(chosen[k], Bent)]
 
 
 def answered(objective: Objective, model: Fit, candidate: Bent) -> Fit:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, special
 
 from dlwpredict.diagnosis.library.candidates import Candidate
-from dlwpredict.diagnosis.library.hidden import bent
+from dlwpredict.diagnosis.library.hidden import bent, hidden
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective
@@ -128,6 +128,11 @@ class Linearised:
     def names(self) -> list[str]:
         """Effect of every candidate."""
         return [candidate.name for candidate in self.chosen]
+
+    @cached_property
+    def hidden(self) -> list[int]:
+        """Candidates that stand out until the process has answered, which takes all of them but little."""
+        return hidden(self.whole, self.lengths, self.chosen)
 
     @cached_property
     def signs(self) -> np.ndarray:
