@@ -92,3 +92,11 @@ class TestStraight:
         here = straight(free, free.start)
         numeric = [(bent(free, here + 1e-6 * e) - bent(free, here - 1e-6 * e)) / 2e-6 for e in np.eye(len(here))]
         np.testing.assert_allclose(bending(free, free.start), np.array(numeric).T, atol=1e-7)
+
+
+def test_only_a_bend_of_all_in_view_has_no_centre():
+    """Levelling takes a plane of all heights in view; that of the part alone, beside its substrate, it does not."""
+    start, like = ParameterSet(), choose(ParameterSet())
+    for name, has in (("field-curvature", False), ("print-field-curvature", True)):
+        moved = freed(replace(start, effects=(library()[name](sag_um=0.1),)), like).names
+        assert (f"{name}.centre_x_um" in moved) is has

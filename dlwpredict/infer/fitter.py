@@ -45,6 +45,13 @@ class Start:
     parent: Fit | None = None
     settled: bool = False
 
+    @property
+    def held(self) -> bool:
+        """Whether the model has all effects of its parent."""
+        if self.parent is None:
+            return False
+        return {one.name for one in self.parent.parameters.effects} <= {one.name for one in self.parameters.effects}
+
 
 @dataclass(eq=False)
 class Fitter:
@@ -166,12 +173,23 @@ class Fitter:
 
 
 def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[Fit, float]:
-    """Return the lowest of the quick fits from all starts, and the work that it took."""
+    """Return the lowest of the quick fits from all starts, and the work that it took.
+
+    A model costs no more than one that it holds. Where all quick fits do, the parent's derivatives have misled them:
+    what is new in the first start is put beside the parent as it was, with derivatives of its own.
+    """
     found = []
     for start in starts:
         begun = _begun(objective, start, like)
         found.append(descend(objective, begun, secant=True, steps=QUICK_STEPS))
-    return min(found, key=lambda one: one.cost), objective.work.predictions
+    best, parent = min(found, key=lambda one: one.cost), starts[0].parent
+    if parent is not None and starts[0].held and best.cost > parent.cost:
+        known = dict(zip(parent.free.names, parent.vector, strict=True))
+        values = zip(best.free.names, best.free.values(starts[0].parameters), strict=True)
+        vector = best.free.allowed(np.array([known.get(name, value) for name, value in values]))
+        begun = objective.differentiated(objective.at(best.free, vector, parent))
+        best = min(best, descend(objective, begun, secant=True, steps=QUICK_STEPS), key=lambda one: one.cost)
+    return best, objective.work.predictions
 
 
 def _again(objective: Objective, like: Free, quick: Fit) -> tuple[Fit, float]:

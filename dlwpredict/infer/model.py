@@ -48,8 +48,11 @@ def key_of(free: Free) -> Key:
 
 
 def levelled(kind: type[Effect], name: str) -> bool:
-    """Tell whether a shape is the centre of a bend of heights: elsewhere it is the same bend and a plane."""
-    return name.startswith("centre_") and kind.stage != "dose"
+    """Tell whether a shape is the centre of a bend of all heights in view: elsewhere it is the same bend and a plane.
+
+    A bend of the print alone is none: the substrate beside it is not tilted.
+    """
+    return name.startswith("centre_") and kind.stage == "recording"
 
 
 @cache

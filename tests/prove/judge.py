@@ -73,8 +73,9 @@ def judged(folder: Path, name: str, seal: Mapping, beside: bool) -> dict:
         if beside:
             result["baselines"] = baselines(place, name, truth, answer)
     kept.parent.mkdir(parents=True, exist_ok=True)
-    write_text(kept, json.dumps(result, indent=1, default=float) + "\n")
-    return result
+    text = json.dumps(result, indent=1, default=float)
+    write_text(kept, text + "\n")
+    return json.loads(text)
 
 
 def concealments(truth: Mapping) -> list[str]:
