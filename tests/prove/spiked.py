@@ -233,9 +233,10 @@ def rows(results: Sequence[Mapping], again: Sequence[Mapping]) -> list[Row]:
     ]
 
 
-def prove(folder: Path, real: Path, cases: int, processes: int, minutes: float) -> dict:
+def prove(folder: Path, real: Path, cases: int, most_fields: int, processes: int, minutes: float) -> dict:
     """Return the table and all cases."""
-    fields = sorted(path.parent.name for path in real.glob("*/aligned.tif"))[::2]
+    every = sorted(path.parent.name for path in real.glob("*/aligned.tif"))
+    fields = every[:: max(len(every) // most_fields, 1)][:most_fields]
     code, last = code_sha256(), time.monotonic() + 60 * minutes
     (folder / "data").mkdir(parents=True, exist_ok=True)
     controls = {field: control_of(folder, real, field, 0) for field in fields}
@@ -285,11 +286,12 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, metavar="RUN_DIR")
     parser.add_argument("real", type=Path, metavar="REAL_DIR", help="what `make real` has left")
     parser.add_argument("--cases", type=int, default=32)
+    parser.add_argument("--fields", type=int, default=8, help="so many of the recordings, spread over the list")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=math.inf, help="ask nothing more after so long")
     parser.add_argument("--report", type=Path, help="file of the result; RUN_DIR/spiked.json without")
     chosen = parser.parse_args(words)
-    found = prove(chosen.folder, chosen.real, chosen.cases, chosen.processes, chosen.minutes)
+    found = prove(chosen.folder, chosen.real, chosen.cases, chosen.fields, chosen.processes, chosen.minutes)
     seconds = sorted(case["seconds"] for case in found["cases"]) or [0.0]
     about = {
         "title": "Effects added to real recordings",
