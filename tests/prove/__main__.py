@@ -145,6 +145,7 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"error: {fault}", file=sys.stderr)
         return 1
     command = "make prove" if chosen.seed == "final" and not chosen.quick else "make prove-quick"
+    command += f" with --cases {chosen.cases}" if chosen.cases else ""
     publish(report, results, seal_of, command=command, every=every)
     print(f"{report / 'README.md'}: {len(results)} cases, {(time.monotonic() - started) / 60:.1f} minutes")
     return 0

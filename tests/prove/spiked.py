@@ -296,7 +296,7 @@ def main(words: Sequence[str] | None = None) -> int:
     about = {
         "title": "Effects added to real recordings",
         "version": __version__,
-        "command": "make prove-real",
+        "command": f"make prove-real with --cases {chosen.cases} --fields {chosen.fields}",
         "machine": f"{platform.system()}, {platform.machine()}, Python {platform.python_version()}",
         "date": f"{date.today()}",
         "text": f"{len(found['cases'])} of {found['sealed']} sealed cases were asked, on {len(found['fields'])} "
