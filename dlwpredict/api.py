@@ -36,11 +36,12 @@ from dlwpredict.diagnosis.run import Course, Diagnosis
 from dlwpredict.diagnosis.run import diagnose as search
 from dlwpredict.errors import InputError, ResultError  # noqa: F401 (part of the interface)
 from dlwpredict.files import read_height_map, write_height_map
+from dlwpredict.files.pairs import checked
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters  # noqa: F401
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.pixels import working_factor
-from dlwpredict.infer.recording import Recording, coarser, prepare
+from dlwpredict.infer.recording import Recording, coarser
 from dlwpredict.metrology.score import score  # noqa: F401
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.numerics.parallel import Workers
@@ -246,9 +247,9 @@ def diagnose(
     start = start or ParameterSet()
     seen, unseen = (_recordings(some, start, wall_px) for some in (pairs, holdout))
     with Workers(processes, search.__module__) as workers:
-        found = search(seen, start, holdout=unseen, seed=seed, course=Course(workers=workers))
-        profiled = found.intervals(found.extended.fit, profiles=True).as_dict()
-        return Answer(content_of(found, profiled), extended(found, profiled), found)
+        diagnosis = search(seen, start, holdout=unseen, seed=seed, course=Course(workers=workers))
+        profiled = diagnosis.intervals(diagnosis.extended.fit, profiles=True).as_dict()
+        return Answer(content_of(diagnosis, profiled), extended(diagnosis, profiled), diagnosis)
 
 
 def plot(*maps: HeightMap, names: Sequence[str] = ()) -> Figure:
@@ -277,9 +278,10 @@ def plot(*maps: HeightMap, names: Sequence[str] = ()) -> Figure:
 
 def _recordings(pairs: Sequence[Pair], start: ParameterSet, wall_px: int) -> list[Recording]:
     """Check pairs, and bring them to the pixels that a fit works on."""
-    found = []
+    ready = []
     for number, (target, measured) in enumerate(pairs, 1):
         heights = measured.aligned if isinstance(measured, Alignment) else measured
-        checked = prepare(target, heights, name=f"recording {number}", target_name=f"target {number}", wall_px=wall_px)
-        found.append(coarser(checked, working_factor(target, start)))
-    return found
+        names = f"recording {number}", f"target {number}"
+        pair = checked(target, heights, name=names[0], target_name=names[1], wall_px=wall_px)
+        ready.append(coarser(pair, working_factor(target, start)))
+    return ready

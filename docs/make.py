@@ -75,12 +75,12 @@ def met(value: float | None, wanted: str) -> bool | None:
 
 
 def _of_proof() -> dict:
-    found = json.loads((PROOF / "summary.json").read_text("utf-8"))
-    rows = [row for row in found["rows"] if not row["group"].startswith(("concealed", "method"))]
+    proof = json.loads((PROOF / "summary.json").read_text("utf-8"))
+    rows = [row for row in proof["rows"] if not row["group"].startswith(("concealed", "method"))]
     title = {"all": "", "null": "nothing in it, ", "single": "one effect, ", "size": "sizes, ", "pair": "two effects, "}
     rows = [{**row, "what": title.get(row["group"], f"{row['group']}, ") + row["what"].lstrip(". ")} for row in rows]
     text = "Made by the virtual press and sealed before the program was asked: [how](../sample_data/proof/README.md)."
-    return {"title": "Sealed cases", "rows": rows, "text": text} | found["about"]
+    return {"title": "Sealed cases", "rows": rows, "text": text} | proof["about"]
 
 
 def _table(rows: list[dict]) -> str:

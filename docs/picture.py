@@ -19,9 +19,9 @@ def picture(runs: Path) -> Figure:
     """Return the picture: what was asked for, printed, and printed of the corrected design; what was missing."""
     read = {name: dlw.read(runs / PART / f"{name}.tif") for name in ("target", "aligned", "reprinted")}
     target, printed, corrected = read.values()
-    process, found = (dlw.read_parameters(runs / f"{name}.yaml") for name in ("process", "found"))
-    process, found = (one.decided("print") if one.undecided else one for one in (process, found))
-    seven, named = (dlw.predict(target, one) for one in (process, found))
+    both = (dlw.read_parameters(runs / f"{name}.yaml") for name in ("process", "found"))
+    process, extended = (one.decided("print") if one.undecided else one for one in both)
+    seven, named = (dlw.predict(target, one) for one in (process, extended))
     apart = np.where(near_walls_or_rim(target, 3) | (target.heights_um == 0), np.nan, 1.0)
     left, explained = (
         target.with_heights(apart * (a.heights_um - b.heights_um)) for a, b in ((printed, seven), (named, seven))
@@ -34,7 +34,7 @@ def picture(runs: Path) -> Figure:
         show_map(axes, one, title=title, limits_um=limits)
     show_difference(above[1, 0], left, title="(d) print − prediction of the seven parameters", limit_um=limit)
     show_difference(
-        above[1, 1], explained, title=f"(e) of it, {', '.join(e.name for e in found.effects)}", limit_um=limit
+        above[1, 1], explained, title=f"(e) of it, {', '.join(e.name for e in extended.effects)}", limit_um=limit
     )
     names = "asked for", "printed", "corrected"
     show_profiles(above[1, 2], (target, printed, corrected), axis="x", names=names)

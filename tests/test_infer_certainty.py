@@ -14,7 +14,7 @@ from dlwpredict.infer.free import Free, choose
 from dlwpredict.infer.intervals import NORMAL, considered, curved, deviations, held, intervals, linear, profile
 from dlwpredict.infer.noises import compressed, noises, plane
 from dlwpredict.infer.null import COHERENT_UM, Null
-from dlwpredict.infer.objective import Fit, Nuisances, Objective
+from dlwpredict.infer.objective import Fit, Nuisances, Objective, Work
 from dlwpredict.infer.recording import prepare
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import Whitened
@@ -224,10 +224,11 @@ def test_intervals_hold_how_pixels_may_be_read(reading):
     free = choose(replace(truth, readings=Readings(pixels="either")), free=("exposure_fwhm_xy_um",))
     objective = Objective((Whitened.of(prepare(target, printed), Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))),), {})
     fitted = descend(objective, objective.differentiated(objective.at(free, free.start)))
-    off = abs(fitted.vector[0] - 0.6)
-    assert off == pytest.approx(np.sqrt(3) * considered(fitted)[0], rel=0.15) and off > 0.02
+    off, work = abs(fitted.vector[0] - 0.6), Work()
+    assert off == pytest.approx(np.sqrt(3) * considered(fitted, work)[0], rel=0.15) and off > 0.02
+    assert 0 < work.predictions <= 1
 
 
 def test_pixels_that_are_said_are_in_no_doubt():
     fit = fit_of(ONE, ONE[0], WHITE, FREE)
-    assert considered(fit) == [0.0]
+    assert considered(fit, Work()) == [0.0]

@@ -23,15 +23,15 @@ from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
+from dlwpredict.files.pairs import checked
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
-from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.objective import Fit, Work
 from dlwpredict.infer.pixels import working_factor
-from dlwpredict.infer.recording import Recording, coarser, prepare
+from dlwpredict.infer.recording import Recording, coarser
 from dlwpredict.metrology.walls import WALL_PX
 
 COMMAND = "calibrate"
@@ -151,11 +151,9 @@ def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap
 
 def _prepared(target: Path, recording: Path, **knobs: Any) -> Recording:
     part, measured = read_height_map(target), read_height_map(recording)
-    found = prepare(part, measured, name=str(recording), target_name=str(target), **knobs)
-    with blaming(recording):
-        require_sizes(part, measured)
-    detail(f"{recording}: {found.points} of {measured.heights_um.size} points count ({measured.height_reference})")
-    return found
+    pair = checked(part, measured, name=str(recording), target_name=str(target), **knobs)
+    detail(f"{recording}: {pair.points} of {measured.heights_um.size} points count ({measured.height_reference})")
+    return pair
 
 
 @contextmanager

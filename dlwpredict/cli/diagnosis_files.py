@@ -14,7 +14,7 @@ from dlwpredict.diagnosis.run import Diagnosis
 from dlwpredict.files import write_height_map
 
 if TYPE_CHECKING:
-    from dlwpredict.cli.session import Pair
+    from dlwpredict.cli.pairs import Pair
 
 
 def maps_of(found: Diagnosis, k: int) -> dict[str, np.ndarray]:

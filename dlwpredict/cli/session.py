@@ -16,6 +16,7 @@ from dlwpredict.cli.anytime import Clock, Companion, cpu_s, end_workers, fingerp
 from dlwpredict.cli.anytime import said as about
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.diagnosis_files import maps_of, write_maps, write_report
+from dlwpredict.cli.pairs import Files, Pair, pixels_of, repeats_of
 from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer.advise import advise
@@ -24,19 +25,16 @@ from dlwpredict.diagnosis.answer.halves import Classes, halves, named_by, with_h
 from dlwpredict.diagnosis.answer.sides import extended
 from dlwpredict.diagnosis.answer.words import listed
 from dlwpredict.diagnosis.run import STAGES, Course, Diagnosis, Stage, diagnose
-from dlwpredict.errors import InputError, blaming
-from dlwpredict.files import read_height_map
+from dlwpredict.errors import InputError
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
-from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.files.provenance import origin, with_cautions
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.model import freed
 from dlwpredict.infer.objective import Work
-from dlwpredict.infer.pixels import working_factor
-from dlwpredict.infer.recording import Recording, check_points, coarser, prepare
+from dlwpredict.infer.recording import Recording, check_points
 from dlwpredict.infer.trace import trace
 from dlwpredict.model.levels import Levels
 from dlwpredict.numerics.parallel import Workers
@@ -48,8 +46,6 @@ PREDICTIONS = 600, 3000
 COLD_S = 1.0
 """A first prediction that takes less is timed again: loading what it needs took part of it."""
 
-Files = Sequence[tuple[Path, Path]]
-
 
 @dataclass(frozen=True)
 class Outputs:
@@ -60,49 +56,6 @@ class Outputs:
     maps: Path | None
     report: Path | None
     plot: Path | None
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """A target and its recording.
-
-    Parameters
-    ----------
-    files : (Path, Path)
-    part : HeightMap
-        The target as it was read.
-    recording : Recording
-        On working pixels.
-    factor : int
-        Pixels of the file along each side of a working one.
-    """
-
-    files: tuple[Path, Path]
-    part: HeightMap
-    recording: Recording
-    factor: int
-
-    @classmethod
-    def read(cls, files: tuple[Path, Path], start: ParameterSet, wall_px: int, pitch_um: float | None) -> Pair:
-        """Read and check a pair."""
-        target, recording = files
-        part, measured = read_height_map(target), read_height_map(recording)
-        found = prepare(part, measured, name=str(recording), target_name=str(target), wall_px=wall_px)
-        with blaming(recording):
-            require_sizes(part, measured)
-        factor = working_factor(part, start, pitch_um)
-        detail(f"{recording}: {found.points} points count, {factor} × {factor} pixels make one")
-        return cls(files, part, coarser(found, factor), factor)
-
-    @property
-    def pitch_um(self) -> float:
-        """Pitch of the working pixels, the larger where it is not the same along x and y."""
-        return max(self.recording.target.dx_um, self.recording.target.dy_um)
-
-    def fine(self, values: np.ndarray) -> HeightMap:
-        """Return values on the pixels of the file."""
-        spread = np.kron(values, np.ones((self.factor, self.factor)))
-        return self.part.with_heights(spread[: self.part.shape[0], : self.part.shape[1]])
 
 
 def is_unfinished(output: Path) -> bool:
@@ -174,7 +127,7 @@ class Session:
         begun, start = cpu_s(), read_parameters(parameters)
         read = [Pair.read(files, start, wall_px, pitch_um) for files in pairs]
         kept = [Pair.read(files, start, wall_px, pitch_um).recording for files in holdout]
-        again = _repeats(read, repeats)
+        again = repeats_of(read, repeats)
         check_points([one.recording for one in read])
         used = [file for files in (*pairs, *holdout, *repeats) for file in files] + ([parameters] if parameters else [])
         counts = [len(pairs), len(holdout), len(repeats), parameters is not None]
@@ -205,7 +158,7 @@ class Session:
         predicted, one_s = _timed(self.recordings, self.start)
         self._expected_s = one_s * np.mean(PREDICTIONS) / processes
         low, high = (about(one_s * count / processes) for count in PREDICTIONS)
-        say(f"{_pixels(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
+        say(f"{pixels_of(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
         if not self.content:
             self.content = self._completed(untested(self.recordings, predicted, free))
             self._write_answer()
@@ -343,32 +296,6 @@ def _timed(recordings: Sequence[Recording], start: ParameterSet) -> tuple[list[n
         if took > COLD_S:
             break
     return found, took
-
-
-def _pixels(pairs: Sequence[Pair]) -> str:
-    """Say on which pixels the recordings are worked."""
-    kinds = dict.fromkeys((one.factor, one.pitch_um) for one in pairs)
-    each = [f"{p:.3g} µm ({'as recorded' if f == 1 else f'{f} × {f} recorded ones'})" for f, p in kinds]
-    return f"working pixels of {' and '.join(each)}"
-
-
-def _repeats(pairs: Sequence[Pair], repeats: Files) -> list[list[HeightMap]]:
-    """Return the repeats of every recording, on its pixels.
-
-    Raises
-    ------
-    InputError
-        A repeat names a recording that stands in no pair, or has another grid.
-    """
-    found: list[list[HeightMap]] = [[] for _ in pairs]
-    known = {one.files[1].resolve(): k for k, one in enumerate(pairs)}
-    for recording, again in repeats:
-        if recording.resolve() not in known:
-            raise InputError("stands in no --pair", where=recording, key="--repeat", allowed="a recording of a --pair")
-        k = known[recording.resolve()]
-        repeated = prepare(pairs[k].part, read_height_map(again), name=str(again), target_name=str(pairs[k].files[0]))
-        found[k].append(coarser(repeated, pairs[k].factor).measured)
-    return found
 
 
 def _advised(found: Diagnosis, content: dict[str, Any]) -> None:

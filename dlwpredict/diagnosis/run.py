@@ -162,8 +162,8 @@ class Diagnosis:
 
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
         """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
-        fitted, own = self.fitter.objective.whole(fitted), [name for name in fitted.free.names if "." in name]
-        return intervals(fitted, self.null, self.fitter.objective if profiles else None, own)
+        objective, own = self.fitter.objective, [name for name in fitted.free.names if "." in name]
+        return intervals(objective.whole(fitted), self.null, objective if profiles else None, own, objective.work)
 
     @property
     def explained(self) -> float:

@@ -106,12 +106,12 @@ class Search:
                 place = candidate.name, candidate.switch, size > 0
                 if max(brought, default=0.0) >= 1 and screen.whole[k] > largest.get(place, (0.0, k))[0]:
                     largest[place] = float(screen.whole[k]), k
-        found: dict[Names, list[Start]] = defaultdict(list)
+        starts: dict[Names, list[Start]] = defaultdict(list)
         for (name, _, above), (_, k) in largest.items():
             process = joined(model.parameters, [screen.chosen[k].at(1.0 if above else -1.0)], self.baseline.free)
             free = self.fitter.free(process)
-            found[names | {name}].append(Start(free.parameters(from_paper(free, free.start))))
-        return {one: starts for one, starts in found.items() if self.fitter.reopened(starts[0])}
+            starts[names | {name}].append(Start(free.parameters(from_paper(free, free.start))))
+        return {model: own for model, own in starts.items() if self.fitter.reopened(own[0])}
 
     def price(self, effects: int) -> float:
         """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.

@@ -16,7 +16,7 @@ import numpy as np
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, fittable, with_values
 from dlwpredict.infer.null import Null, numerical
-from dlwpredict.infer.objective import Fit, Objective
+from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.trace import trace
 from dlwpredict.parameters import ParameterSet
 
@@ -34,7 +34,7 @@ ENDS, CLOSE = 4, 0.1
 """Places looked at for each end of a profile, and how near the rise in cost must come to the one asked for."""
 
 
-def deviations(fitted: Fit, null: Null) -> np.ndarray:
+def deviations(fitted: Fit, null: Null, work: Work | None = None) -> np.ndarray:
     """Return the standard deviation of every free parameter, infinite where nothing tells it, shape (parameters,)."""
     estimators = fitted.estimators
     lengths = np.linalg.norm(estimators, axis=0)
@@ -43,10 +43,10 @@ def deviations(fitted: Fit, null: Null) -> np.ndarray:
     noise = np.maximum(null.along(unit).var(axis=1), _sandwich(fitted, unit))
     open_to_priors = np.sum(unit[fitted.rows.data :] ** 2, axis=0)
     spread = np.sqrt(noise + numerical(fitted, unit) ** 2 + open_to_priors)
-    return np.where(known, np.hypot(lengths * spread, considered(fitted)), np.inf)
+    return np.where(known, np.hypot(lengths * spread, considered(fitted, work or Work())), np.inf)
 
 
-def considered(fitted: Fit) -> np.ndarray:
+def considered(fitted: Fit, work: Work) -> np.ndarray:
     """Return the standard deviation that the doubt about how pixels are read gives, shape (parameters,).
 
     A print hardly shows which they are, less than computations differ by: so it is not fitted. Its prior, an even
@@ -57,10 +57,11 @@ def considered(fitted: Fit) -> np.ndarray:
     if process.readings.pixels != "either":
         return np.zeros(len(fitted.vector))
     squares = replace(process, readings=replace(process.readings, pixels="squares"))
-    changes = []
+    changes, points = [], sum(item.recording.target.heights_um.size for item in fitted.data)
     for k, one in enumerate(fitted.traces):
-        seen = trace(fitted.data[k].recording.target, squares, one.numerics, one).heights_um
-        changes.append(fitted.seen(k, np.nan_to_num(seen - one.heights_um)[None]))
+        read = trace(fitted.data[k].recording.target, squares, one.numerics, one)
+        work.predictions += read.work * fitted.data[k].recording.target.heights_um.size / points
+        changes.append(fitted.seen(k, np.nan_to_num(read.heights_um - one.heights_um)[None]))
     per_share = fitted.rows.stack(changes)[:, 0] / (1 - process.readings.square_share)
     return np.sqrt(1 / 12) * np.abs(per_share @ fitted.estimators)
 
@@ -119,7 +120,11 @@ class Intervals:
 
 
 def intervals(
-    fitted: Fit, null: Null, objective: Objective | None = None, wanted: Sequence[str] | None = None
+    fitted: Fit,
+    null: Null,
+    objective: Objective | None = None,
+    wanted: Sequence[str] | None = None,
+    work: Work | None = None,
 ) -> Intervals:
     """Return the intervals of a converged fit.
 
@@ -131,8 +136,10 @@ def intervals(
         Where given, profiles are taken of the wanted parameters for which a straight line will not do.
     wanted : sequence of str, optional
         Default: all.
+    work : Work, optional
+        Counts the predictions; that of the objective counts those of profiles.
     """
-    free, sd = fitted.free, deviations(fitted, null)
+    free, sd = fitted.free, deviations(fitted, null, work)
     ends, profiled = linear(free, fitted.vector, sd), []
     if objective is not None:
         for k in curved(fitted, sd):

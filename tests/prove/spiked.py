@@ -78,8 +78,7 @@ class Real:
         part, recording = (read_height_map(place.data(control) / f"{what}_0.tif") for what in ("target", "recording"))
         told = json.loads(place.answer(control).read_text())["diagnosis"]
         process = {
-            name.replace("exposure_", "focus_"): found["value"]
-            for name, found in told["baseline"]["parameters"].items()
+            name.replace("exposure_", "focus_"): one["value"] for name, one in told["baseline"]["parameters"].items()
         }
         noise = noise_of(told["noise"][0])
         return cls(part, recording, process, noise, Sight.of([part], process, noise), shown(part, process, []))
@@ -291,22 +290,22 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=math.inf, help="ask nothing more after so long")
     parser.add_argument("--report", type=Path, help="file of the result; RUN_DIR/spiked.json without")
     chosen = parser.parse_args(words)
-    found = prove(chosen.folder, chosen.real, chosen.cases, chosen.fields, chosen.processes, chosen.minutes)
-    seconds = sorted(case["seconds"] for case in found["cases"]) or [0.0]
+    proof = prove(chosen.folder, chosen.real, chosen.cases, chosen.fields, chosen.processes, chosen.minutes)
+    seconds = sorted(case["seconds"] for case in proof["cases"]) or [0.0]
     about = {
         "title": "Effects added to real recordings",
         "version": __version__,
         "command": f"make prove-real with --cases {chosen.cases} --fields {chosen.fields}",
         "machine": f"{platform.system()}, {platform.machine()}, Python {platform.python_version()}",
         "date": f"{date.today()}",
-        "text": f"{len(found['cases'])} of {found['sealed']} sealed cases were asked, on {len(found['fields'])} "
+        "text": f"{len(proof['cases'])} of {proof['sealed']} sealed cases were asked, on {len(proof['fields'])} "
         "published AFM recordings of two-photon prints, one field each; median "
         f"{seconds[len(seconds) // 2]:.0f} s. Counted is what is said beyond what is said of the untouched recording. "
         "The limit is that of noise alone.",
     }
     report = chosen.report or chosen.folder / "spiked.json"
-    write_text(report, json.dumps(about | found, indent=1, default=float) + "\n")
-    for row in found["rows"]:
+    write_text(report, json.dumps(about | proof, indent=1, default=float) + "\n")
+    for row in proof["rows"]:
         low, high = wilson(row["hit"], row["count"])
         print(f"{row['what']:70} {row['hit']:3} of {row['count']:3} ({low:.0%} to {high:.0%})  {row['wanted']}")
     return 0

@@ -31,11 +31,11 @@ def halves(count: int, number: int, seed: int) -> list[tuple[int, ...]]:
     >>> [len(half) for half in halves(5, 2, seed=0)]
     [2, 3, 2, 3]
     """
-    rng, found = np.random.default_rng([seed, 5]), []
+    rng, drawn = np.random.default_rng([seed, 5]), []
     for _ in range(number):
         order = rng.permutation(count)
-        found += [tuple(sorted(int(k) for k in part)) for part in (order[: count // 2], order[count // 2 :])]
-    return found
+        drawn += [tuple(sorted(int(k) for k in part)) for part in (order[: count // 2], order[count // 2 :])]
+    return drawn
 
 
 def named_by(
@@ -48,8 +48,8 @@ def named_by(
 ) -> Classes:
     """Return the classes that a diagnosis of some of the recordings names."""
     own = [repeats[k] for k in half] if any(repeats) else None
-    found = diagnose([recordings[k] for k in half], start, repeats=own, seed=seed, course=course)
-    return [frozenset(item.names) for item in found.named]
+    diagnosis = diagnose([recordings[k] for k in half], start, repeats=own, seed=seed, course=course)
+    return [frozenset(item.names) for item in diagnosis.named]
 
 
 def require_enough(count: int) -> None:
@@ -64,27 +64,27 @@ def require_enough(count: int) -> None:
         raise ResultError(f"{count} recordings", key="--reproducible", allowed=f"allowed: with {FEWEST} or more")
 
 
-def share_of(effects: Collection[str], found: Sequence[Classes]) -> float:
+def share_of(effects: Collection[str], named: Sequence[Classes]) -> float:
     """Return the share of halves that name one of these effects.
 
     >>> share_of(["curl"], [[frozenset({"curl", "vignetting"})], [frozenset({"z-drift"})]])
     0.5
     """
-    return float(np.mean([any(set(effects) & names for names in classes) for classes in found]))
+    return float(np.mean([any(set(effects) & names for names in classes) for classes in named]))
 
 
-def with_halves(content: dict[str, Any], found: Sequence[Classes]) -> dict[str, Any]:
+def with_halves(content: dict[str, Any], named: Sequence[Classes]) -> dict[str, Any]:
     """Return the content of an answer with what halves of the recordings say of its names.
 
     Where they do not agree on the first name, nothing is identified.
     """
     findings, unsettled = [], []
     for finding in content["findings"]:
-        share = share_of(finding["effects"], found)
+        share = share_of(finding["effects"], named)
         settled = share >= policy.REPRODUCED
-        said = f"Halves of the recordings, diagnosed apart, name it in {round(share * len(found))} of {len(found)}"
+        said = f"Halves of the recordings, diagnosed apart, name it in {round(share * len(named))} of {len(named)}"
         said += "." if settled else ": it is not settled."
-        own = {"share": share, "of": len(found), "settled": settled}
+        own = {"share": share, "of": len(named), "settled": settled}
         findings.append(finding | {"statement": f"{finding['statement']} {said}", "halves": own})
         unsettled += [] if settled else [" or ".join(finding["effects"])]
     changed: dict[str, Any] = {"findings": findings}
