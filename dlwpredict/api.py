@@ -36,7 +36,6 @@ from dlwpredict.diagnosis.run import Course, Diagnosis
 from dlwpredict.diagnosis.run import diagnose as search
 from dlwpredict.errors import InputError, ResultError  # noqa: F401 (part of the interface)
 from dlwpredict.files import read_height_map, write_height_map
-from dlwpredict.files.pairs import checked
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters  # noqa: F401
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
@@ -45,6 +44,7 @@ from dlwpredict.infer.recording import Recording, coarser
 from dlwpredict.metrology.score import score  # noqa: F401
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.numerics.parallel import Workers
+from dlwpredict.pairing import checked
 from dlwpredict.parameters import ParameterSet
 
 if TYPE_CHECKING:

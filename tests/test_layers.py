@@ -24,7 +24,7 @@ LAYERS = [
     {"infer"},
     {"calibration", "diagnosis"},
     {"files"},
-    {"batch"},
+    {"batch", "pairing"},
     {"tiling"},
     {"plots"},
     {"pages"},

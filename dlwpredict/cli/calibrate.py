@@ -23,7 +23,6 @@ from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
-from dlwpredict.files.pairs import checked
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
@@ -33,6 +32,7 @@ from dlwpredict.infer.objective import Fit, Work
 from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.recording import Recording, coarser
 from dlwpredict.metrology.walls import WALL_PX
+from dlwpredict.pairing import checked
 
 COMMAND = "calibrate"
 CLASS = options.PairCommand

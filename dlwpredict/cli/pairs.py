@@ -11,10 +11,10 @@ import numpy as np
 from dlwpredict.cli.console import detail
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map
-from dlwpredict.files.pairs import checked
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.recording import Recording, coarser, prepare
+from dlwpredict.pairing import checked
 from dlwpredict.parameters import ParameterSet
 
 Files = Sequence[tuple[Path, Path]]
