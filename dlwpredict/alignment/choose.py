@@ -76,13 +76,13 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     ResultError
         No relation, or several different poses fit equally well.
     """
-    found = search(recording, target)
-    if not found.peaks:
+    result = search(recording, target)
+    if not result.peaks:
         raise ResultError("no reliable match: one of the maps has no relief", key="match", allowed="needs structure")
-    candidates = _refined(recording, target, found)
+    candidates = _refined(recording, target, result)
     best = candidates[0].peak
-    log_odds = found.log_odds + candidates[0].relief
-    log_odds += max(_independent_evidence(best, found.area_um2) - found.peaks[0].evidence, 0.0)
+    log_odds = result.log_odds + candidates[0].relief
+    log_odds += max(_independent_evidence(best, result.area_um2) - result.peaks[0].evidence, 0.0)
     is_round = all(_equivalent(target, best.pose, pose) for pose in _turned(best.pose, ODD_TURNS_DEG)[:3])
     if log_odds < ODDS and not known_part:
         why = ROUND if is_round and best.correlation > ALIKE else UNRELATED
@@ -95,9 +95,8 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     ties = [p for p in peaks if best.evidence - p.evidence < ODDS]
     odd = [p for p in ties if not _equivalent(target, best.pose, p.pose)]
     if odd:
-        other = odd[0]
         raise ResultError(
-            f"no reliable match: {_say(best)} and {_say(other)} fit equally well",
+            f"no reliable match: {_say(best)} and {_say(odd[0])} fit equally well",
             key="match",
             allowed="one must stand out",
         )
@@ -106,7 +105,7 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     turned = [
         replace(best, pose=pose) for pose in _turned(best.pose, TURNS_DEG) if _equivalent(target, best.pose, pose)
     ]
-    equal = distinct([*ties, *turned], found.pitch_um, 2.0)
+    equal = distinct([*ties, *turned], result.pitch_um, 2.0)
     chosen = min(equal, key=lambda p: (p.pose.mirrored, round(abs(p.pose.rotation_deg)), np.hypot(*p.pose.shift_um)))
     return Choice(chosen, log_odds, lead, [p.pose for p in equal], is_round)
 
@@ -127,24 +126,25 @@ def _turned(pose: Pose, turns_deg: Sequence[float]) -> list[Pose]:
     ]
 
 
-def _refined(recording: Surface, target: Surface, found: Search) -> list[_Candidate]:
+def _refined(recording: Surface, target: Surface, result: Search) -> list[_Candidate]:
     """Refine the best peaks of either hand at a pitch finer than the search's; best first.
 
     Poses at which the recording shows less of the relief than at another, by 100 : 1, are dropped.
     """
     level = Level.of(recording, target, max(target.size_um) / CANDIDATE_POINTS)
     turned = Level.of(recording.mirrored(), target, level.pitch_um)
-    reach = tuple(size / 2 for size in target.size_um)
+    width, depth = target.size_um
+    reach = width / 2, depth / 2
     refined = []
     for mirrored in (False, True):
-        for peak in [p for p in found.peaks if p.pose.mirrored == mirrored][:PEAKS]:
+        for peak in [p for p in result.peaks if p.pose.mirrored == mirrored][:PEAKS]:
             fit = refine(turned if mirrored else level, replace(peak.pose, reach_um=reach), "rigid", turns=TURNS)
             area = float(np.sum(fit.weights > 0)) * level.pitch_um**2
             peak = Peak(fit.pose, correlation(fit), explained_evidence(fit), area)
             refined.append(_Candidate(peak, relief_evidence(fit) or 0.0))
     most = max(candidate.relief for candidate in refined)
     showing = {id(c.peak): c for c in refined if c.relief >= most - ODDS}
-    kept = distinct([c.peak for c in showing.values()], found.pitch_um, 2.0)
+    kept = distinct([c.peak for c in showing.values()], result.pitch_um, 2.0)
     return [showing[id(peak)] for peak in kept]
 
 
@@ -154,11 +154,11 @@ def _independent_evidence(peak: Peak, area_um2: float) -> float:
     return float(-0.5 * peak.area_um2 / area_um2 * np.log1p(-r2))
 
 
-def _equivalent(target: Surface, best: Pose, other: Pose) -> bool:
+def _equivalent(target: Surface, best: Pose, pose: Pose) -> bool:
     """Tell whether the target looks the same after going over from one pose to the other."""
     x, y = grid_um(target.size_um, max(target.size_um) / CANDIDATE_POINTS)
     u, v = best.to_recording(x, y)
-    u, v = other.to_target(-u if best.mirrored != other.mirrored else u, v)
+    u, v = pose.to_target(-u if best.mirrored != pose.mirrored else u, v)
     smooth = target.smoothed(SMOOTHING * max(target.size_um) / CANDIDATE_POINTS)
     (here, _), (there, seen) = smooth.at(x, y), smooth.at(u, v)
     use = seen > 0.5
@@ -175,5 +175,5 @@ def _say(peak: Peak) -> str:
 
 def rotations(poses: Iterable[Pose]) -> list[float]:
     """Distinct rotations among unmirrored poses, smallest first, degrees."""
-    found = {round(pose.rotation_deg, 1) for pose in poses if not pose.mirrored}
-    return sorted(found, key=abs)
+    angles = {round(pose.rotation_deg, 1) for pose in poses if not pose.mirrored}
+    return sorted(angles, key=abs)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from dlwpredict.alignment.pose import Pose
+from dlwpredict.alignment.pose import Distortion, Pose, Wanted
 from dlwpredict.alignment.refine import Fit, Level, refine
 from dlwpredict.alignment.uncertainty import figure_covariance, pose_covariance
 
@@ -30,7 +30,7 @@ class Registration:
     rotation_known: bool
 
 
-def register(levels: list[Level], pose: Pose, wanted: str, pixel_um: float, *, is_round: bool) -> Registration:
+def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *, is_round: bool) -> Registration:
     """Refine a pose from coarse to fine and settle the distortion.
 
     ``wanted`` is rigid, affine or bow, or auto: bow where its six terms differ from zero, else affine where scale
@@ -46,30 +46,35 @@ def register(levels: list[Level], pose: Pose, wanted: str, pixel_um: float, *, i
         fit = refine(
             levels[-1], Pose.rigid(pose.shift_um, 0.0, reach_um=pose.reach_um, mirrored=pose.mirrored), "shift"
         )
-    fits, tests = {"rigid": fit}, {}
-    for model in [] if wanted == "rigid" or (wanted == "auto" and not known) else ["affine", "bow"]:
+    fits: dict[Distortion, Fit] = {"rigid": fit}
+    tests: dict[str, dict[str, float | bool]] = {}
+    models: tuple[Distortion, ...] = ("affine", "bow")
+    for model in () if wanted == "rigid" or (wanted == "auto" and not known) else models:
         fit = refine(levels[-1], fit.pose, model)
         fits[model] = fit
         tests[model] = _test(fit, model, pixel_um)
         if model == wanted:
             break
+    settled: Distortion
     if wanted == "auto":
-        wanted = next((model for model in ("bow", "affine") if model in tests and tests[model]["accepted"]), "rigid")
-    fit = fits[wanted]
-    kind = wanted if known or wanted != "rigid" else "shift"
+        settled = next((model for model in reversed(models) if model in tests and tests[model]["accepted"]), "rigid")
+    else:
+        settled = wanted
+    fit = fits[settled]
+    kind: Distortion = settled if known or settled != "rigid" else "shift"
     covariance = figure_covariance(fit.pose, pose_covariance(fit, kind)[0])
     if not known:
         covariance[2, :] = covariance[:, 2] = 0.0
         covariance[2, 2] = 180.0**2 / 3  # uniform over the circle
-    return Registration(fit, wanted, covariance, tests, known)
+    return Registration(fit, settled, covariance, tests, known)
 
 
-def rotation_sd(fit: Fit, model: str) -> float:
+def rotation_sd(fit: Fit, model: Distortion) -> float:
     """Standard error of the rotation, degrees."""
     return float(np.sqrt(figure_covariance(fit.pose, pose_covariance(fit, model)[0])[2, 2]))
 
 
-def _test(fit: Fit, model: str, pixel_um: float) -> dict[str, float | bool]:
+def _test(fit: Fit, model: Distortion, pixel_um: float) -> dict[str, float | bool]:
     """Hotelling's test of the figures that a model adds."""
     covariance, blocks = pose_covariance(fit, model, tiles_only=True)
     places, without = _ADDED[model]

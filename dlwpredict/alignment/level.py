@@ -59,17 +59,18 @@ def find_plane(aligned: HeightMap, target: HeightMap, margin_um: float) -> Plane
     x, y = np.meshgrid(target.x_um, target.y_um)
     measured = aligned.measured & ~np.isnan(target.heights_um)
     bare = measured & substrate(target, margin_um)
+    reference: HeightReference
     if bare.sum() >= LEAST_POINTS and _leverage(x, y, bare) <= MOST_LEVERAGE:
         columns, use, reference = plane_columns(x[bare], y[bare]), bare, "substrate"
     else:
         columns = np.column_stack([plane_columns(x[measured], y[measured]), target.heights_um[measured]])
         use, reference = measured, "relative"
     values = aligned.heights_um[use]
-    found, weights = robust_fit(columns, values)
+    coefficients, weights = robust_fit(columns, values)
     blocks = [layout[use.ravel()] for layout in layouts(target.shape)]
-    covariance, _ = widest_covariance(columns, weights, values - columns @ found, blocks)
-    gain = _gain(aligned, target, measured) if reference == "substrate" else float(found[3])
-    return Plane(found[:3], covariance[:3, :3], reference, gain)
+    covariance, _ = widest_covariance(columns, weights, values - columns @ coefficients, blocks)
+    gain = _gain(aligned, target, measured) if reference == "substrate" else float(coefficients[3])
+    return Plane(coefficients[:3], covariance[:3, :3], reference, gain)
 
 
 def _leverage(x: np.ndarray, y: np.ndarray, bare: np.ndarray) -> float:

@@ -39,14 +39,14 @@ def robust_fit(columns: np.ndarray, values: np.ndarray, *, rounds: int = 12) -> 
     weights = np.ones(len(values))
     for turn in range(2 * rounds):
         root = np.sqrt(weights)
-        found = np.linalg.lstsq(columns * root[:, None], values * root, rcond=None)[0]
-        residual = values - columns @ found
+        coefficients = np.linalg.lstsq(columns * root[:, None], values * root, rcond=None)[0]
+        residual = values - columns @ coefficients
         sigma = max(mad_sigma(residual), 1e-9)
         if turn < rounds:  # least absolute deviations: no start can be spoilt by outliers
             weights = sigma / np.maximum(np.abs(residual), 1e-3 * sigma)
         else:
             weights = tukey_weights(residual, sigma)
-    return found, weights
+    return coefficients, weights
 
 
 def plane_columns(x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:

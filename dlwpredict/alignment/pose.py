@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 Distortion = Literal["shift", "rigid", "affine", "bow"]  # "shift" inside only: a round part has no rotation
+Wanted = Literal["auto", "rigid", "affine", "bow"]
 
 
 def rotation_matrix(rotation_deg: float) -> np.ndarray:
@@ -102,27 +103,27 @@ class Pose:
         """Return where recording points lie in the target, µm (fixed-point iteration for the small bow)."""
         inverse = np.linalg.inv(np.array(self.matrix))
         points = np.stack([np.asarray(x_um, float), np.asarray(y_um, float)])
-        found = np.tensordot(inverse, points - _column(self.shift_um, points), 1)
+        target = np.tensordot(inverse, points - _column(self.shift_um, points), 1)
         for _ in range(8):
-            error = points - np.stack(self.to_recording(*found))
-            found = found + np.tensordot(inverse, error, 1)
-        return found[0], found[1]
+            error = points - np.stack(self.to_recording(*target))
+            target = target + np.tensordot(inverse, error, 1)
+        return target[0], target[1]
 
     def jacobian(self, x_um: np.ndarray, y_um: np.ndarray, distortion: Distortion) -> np.ndarray:
         """Derivatives of the recording position by the parameters of `moved`, shape (parameters, 2, points)."""
-        one, zero = np.ones_like(x_um), np.zeros_like(x_um)
+        ones, zeros = np.ones_like(x_um), np.zeros_like(x_um)
         (a, b), (c, d) = self.matrix
-        columns = [(one, zero), (zero, one)]
+        columns = [(ones, zeros), (zeros, ones)]
         if distortion == "shift":
             return np.array(columns)
         if distortion == "rigid":
             columns.append((-(c * x_um + d * y_um), a * x_um + b * y_um))
         else:
-            columns += [(x_um, zero), (y_um, zero), (zero, x_um), (zero, y_um)]
+            columns += [(x_um, zeros), (y_um, zeros), (zeros, x_um), (zeros, y_um)]
         if distortion == "bow":
             u, v = x_um / self.reach_um[0], y_um / self.reach_um[1]
             terms = (u * u, u * v, v * v)
-            columns += [(term, zero) for term in terms] + [(zero, term) for term in terms]
+            columns += [(term, zeros) for term in terms] + [(zeros, term) for term in terms]
         return np.array(columns)
 
     def moved(self, step: np.ndarray) -> Pose:
@@ -134,7 +135,8 @@ class Pose:
             matrix = matrix + np.reshape(step[2:6], (2, 2))
             if len(step) == 12:
                 bow = bow + np.reshape(step[6:], (2, 3))
-        shift = tuple(float(s + d) for s, d in zip(self.shift_um, step[:2], strict=True))
+        (x, y), (right, up) = self.shift_um, step[:2]
+        shift = float(x + right), float(y + up)
         return replace(self, shift_um=shift, matrix=_rows(matrix), bow_um=_rows(bow))
 
     def figures(self) -> np.ndarray:

@@ -116,13 +116,14 @@ def _linear(level: Level, pose: Pose, distortion: Distortion, floor: float) -> F
         normal = columns.T @ (columns * weights[:, None])
         normal[np.diag_indices_from(normal)] *= 1 + 1e-9
         normal[np.diag_indices_from(normal)] += 1e-9 * weights.sum()
-        found = np.linalg.solve(normal, columns.T @ (weights * heights))
-        residual = heights - columns @ found
+        coefficients = np.linalg.solve(normal, columns.T @ (weights * heights))
+        fitted = columns @ coefficients
+        residual = heights - fitted
         sigma = max(mad_sigma(residual[support > 0]), floor, 1e-9)
         weights = support / np.maximum(1, np.abs(residual) / (HUBER * sigma))
-    jacobian = _jacobian(level, pose, (columns @ found), distortion)
+    jacobian = _jacobian(level, pose, fitted, distortion)
     mimic = np.linalg.solve(normal, columns.T @ (jacobian * weights[:, None]))
-    return Fit(pose, residual, weights, columns @ found, jacobian - columns @ mimic, level)
+    return Fit(pose, residual, weights, fitted, jacobian - columns @ mimic, level)
 
 
 def _jacobian(level: Level, pose: Pose, fitted: np.ndarray, distortion: Distortion) -> np.ndarray:
@@ -136,8 +137,7 @@ def _jacobian(level: Level, pose: Pose, fitted: np.ndarray, distortion: Distorti
 
 def _step(fit: Fit, distortion: Distortion) -> tuple[np.ndarray, float]:
     """Gauss-Newton step and how far it moves the target's points at most, in pixels of the level."""
-    reach = np.array(fit.pose.reach_um)
-    scale = parameter_scale(distortion, reach) * fit.level.pitch_um
+    scale = parameter_scale(distortion, fit.pose.reach_um) * fit.level.pitch_um
     jacobian = fit.jacobian * scale
     normal = jacobian.T @ (jacobian * fit.weights[:, None])
     values, vectors = np.linalg.eigh(normal)
@@ -149,9 +149,9 @@ def _step(fit: Fit, distortion: Distortion) -> tuple[np.ndarray, float]:
     return step * scale / max(size, 1.0), size
 
 
-def parameter_scale(distortion: Distortion, reach_um: np.ndarray) -> np.ndarray:
+def parameter_scale(distortion: Distortion, reach_um: tuple[float, float]) -> np.ndarray:
     """Size of each parameter that moves the target's rim by 1 µm."""
-    far = float(np.max(reach_um))
+    far = max(reach_um)
     return {
         "shift": np.ones(2),
         "rigid": np.array([1, 1, 1 / far]),

@@ -13,6 +13,7 @@ from dlwpredict.alignment.evidence import correlation
 from dlwpredict.alignment.fill import extend, inside_hull
 from dlwpredict.alignment.level import FLANK_UM, Plane, find_plane
 from dlwpredict.alignment.plane import mad_sigma
+from dlwpredict.alignment.pose import Wanted
 from dlwpredict.alignment.refine import Level, refine
 from dlwpredict.alignment.resample import prepared, resample
 from dlwpredict.alignment.spikes import confirmed_spikes, suspected_spikes
@@ -21,7 +22,7 @@ from dlwpredict.alignment.uncertainty import block_index
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 
-DISTORTIONS = ("auto", "rigid", "affine", "bow")
+DISTORTIONS: tuple[Wanted, ...] = ("auto", "rigid", "affine", "bow")
 FINEST_POINTS = 400  # across the target on the finest level: more adds time, not precision
 LEAST_COVERED = 0.5
 RIM = 0.1  # width of the empty frame around a target, as a share of its size
@@ -37,7 +38,8 @@ class _Scene:
 
     @classmethod
     def of(cls, target: HeightMap, *, framed: bool) -> _Scene:
-        frame = tuple(int(np.ceil(RIM * n)) for n in target.shape) if framed else (0, 0)
+        rows, cols = (int(np.ceil(RIM * n)) if framed else 0 for n in target.shape)
+        frame = rows, cols
         heights = np.pad(target.heights_um, [(n, n) for n in frame])
         known = ~np.isnan(heights)
         surface = Surface(extend(heights), known.astype(float), target.dx_um, target.dy_um)
@@ -96,20 +98,20 @@ def align(
         recording = replace(turned_back, instrument=recording.instrument.mirrored())
         measured, suspects, surface = measured[:, ::-1], suspects[:, ::-1], surface.mirrored()
     pose, pixel_um = choice.peak.pose, max(target.dx_um, target.dy_um)
-    found = register(_levels(surface, scene.surface), pose, distortion, pixel_um, is_round=choice.is_round)
-    spikes = confirmed_spikes(recording, suspects, found.fit)
+    registration = register(_levels(surface, scene.surface), pose, distortion, pixel_um, is_round=choice.is_round)
+    spikes = confirmed_spikes(recording, suspects, registration.fit)
     if not np.array_equal(spikes, suspects):
         surface = prepared(recording, measured & ~spikes)
-    laid = resample(surface, inside_hull(measured & ~spikes), scene.target, found.fit.pose)
+    laid = resample(surface, inside_hull(measured & ~spikes), scene.target, registration.fit.pose)
     _check_coverage(laid, scene.target)
     margin = max(FLANK_UM, 3 * max(recording.dx_um, recording.dy_um, target.dx_um, target.dy_um))
     plane = find_plane(laid, scene.target, margin)
     x, y = np.meshgrid(scene.target.x_um, scene.target.y_um)
     level = scene.crop(replace(laid, heights_um=laid.heights_um - plane.at(x, y), height_reference=plane.reference))
-    level = replace(level, instrument=recording.instrument.turned(-found.fit.pose.rotation_deg))
+    level = replace(level, instrument=recording.instrument.turned(-registration.fit.pose.rotation_deg))
     if keep_missing:
         level = replace(level, heights_um=np.where(level.measured, level.heights_um, np.nan), filled=None)
-    return _report(recording, target, level, found, choice, plane, int(spikes.sum()))
+    return _report(recording, target, level, registration, choice, plane, int(spikes.sum()))
 
 
 def _check(recording: HeightMap, target: HeightMap) -> None:
@@ -186,12 +188,12 @@ def _report(
     recording: HeightMap,
     target: HeightMap,
     level: HeightMap,
-    found: Registration,
+    registration: Registration,
     choice: Choice,
     plane: Plane,
     spikes: int,
 ) -> Alignment:
-    pose = found.fit.pose
+    pose = registration.fit.pose
     use = level.measured & ~np.isnan(target.heights_um)
     cc, cc_error = _correlation(level.heights_um[use], target.heights_um[use], block_index(target.shape)[use.ravel()])
     # plane over the target → plane over the recording: slope_q = A⁻ᵀ·slope_p, height at the recording's centre
@@ -201,8 +203,8 @@ def _report(
     change[1:, 1:] = inverse.T
     offset, *tilt = change @ plane.coefficients
     plane_error = np.sqrt(np.diag(change @ plane.covariance @ change.T))
-    error = np.sqrt(np.diag(found.covariance))
-    residual = found.fit.residual[found.fit.weights > 0]
+    error = np.sqrt(np.diag(registration.covariance))
+    residual = registration.fit.residual[registration.fit.weights > 0]
     return Alignment(
         aligned=level,
         pose=pose,
@@ -212,12 +214,12 @@ def _report(
         missing_fraction=float(1 - recording.measured.mean()),
         rejected_spikes=spikes,
         uncertainty=_uncertainty(error, plane_error, cc_error),
-        distortion=found.distortion,
-        distortion_test=found.tests,
-        symmetry=_symmetry(found, choice),
+        distortion=registration.distortion,
+        distortion_test=registration.tests,
+        symmetry=_symmetry(registration, choice),
         quality={
             "height_gain": plane.gain,
-            "correlation_explained": found.fit.correlation,
+            "correlation_explained": registration.fit.correlation,
             "residual_rms_um": float(np.sqrt(np.mean(residual**2))),
             "residual_robust_um": mad_sigma(residual),
             "match_log_odds": choice.log_odds,
@@ -240,8 +242,8 @@ def _uncertainty(pose: np.ndarray, plane: np.ndarray, cc: float) -> dict:
     }
 
 
-def _symmetry(found: Registration, choice: Choice) -> str:
-    if not found.rotation_known:
+def _symmetry(registration: Registration, choice: Choice) -> str:
+    if not registration.rotation_known:
         return "round"
     turns = len(rotations(choice.equivalents))
     if turns > 1:

@@ -81,22 +81,23 @@ class _Scene:
         gram = dict(zip([(one, one), (one, x), (one, y), (x, x), (x, y), (y, y), (one, r), (x, r), (y, r), (r, r),
                          (one, t), (x, t), (y, t), (r, t), (t, t)], c, strict=True))  # fmt: skip
         for k in (one, x, y):
-            own = np.where(gram[k, k] > 0, gram[k, k], np.inf)  # an overlap one pixel wide has no slope across
+            norm = np.where(gram[k, k] > 0, gram[k, k], np.inf)  # an overlap one pixel wide has no slope across
             for i, j in gram:
                 if k < i:
-                    gram[i, j] = gram[i, j] - gram[k, i] * gram[k, j] / own
+                    gram[i, j] = gram[i, j] - gram[k, i] * gram[k, j] / norm
         power = gram[r, r] * gram[t, t]
-        found = np.zeros(shared.shape)
+        correlation = np.zeros(shared.shape)
         clear = power > 1e-4 * (gram[r, r] * gram[t, t]).max(initial=0.0)  # flat patches correlate by rounding only
-        found[use] = np.where(clear, gram[r, t] / np.sqrt(np.where(clear, power, 1.0)), 0.0)
-        return found, np.where(use, shared, 0.0)
+        correlation[use] = np.where(clear, gram[r, t] / np.sqrt(np.where(clear, power, 1.0)), 0.0)
+        return correlation, np.where(use, shared, 0.0)
 
     def lags(self) -> tuple[np.ndarray, np.ndarray]:
         """Signed lag of each circular index: rows, columns."""
-        return tuple(
+        rows, cols = (
             np.where(np.arange(n) < view, np.arange(n), np.arange(n) - n)
             for n, view in zip(self.shape, self.view, strict=True)
         )
+        return rows, cols
 
     def _whole(self, side: tuple[int, int]) -> np.ndarray:
         """Tell which circular lags stand for one lag only."""
@@ -189,7 +190,7 @@ def distinct(peaks: list[Peak], reach_um: float, reach_deg: float) -> list[Peak]
     """Keep the strongest of peaks that lie within a shift and a rotation of each other, strongest first."""
     kept: list[Peak] = []
     for peak in sorted(peaks, key=lambda p: -p.evidence):
-        if not any(_near(peak.pose, other.pose, reach_um, reach_deg) for other in kept):
+        if not any(_near(peak.pose, stronger.pose, reach_um, reach_deg) for stronger in kept):
             kept.append(peak)
     return kept
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlwpredict.alignment.pose import Pose
+from dlwpredict.alignment.pose import Distortion, Pose
 from dlwpredict.alignment.refine import Fit, parameter_scale
 
 BLOCKS = 8  # per side
@@ -43,8 +43,8 @@ def block_covariance(
     pairs = [np.bincount(blocks, weights * scaled[:, i] * scaled[:, j], number) for i in range(k) for j in range(k)]
     parts = np.stack(pairs, axis=1).reshape(number, k, k)
     score = np.stack([np.bincount(blocks, column * weights * residual, number) for column in scaled.T], axis=1)
-    rest = np.linalg.pinv(parts.sum(0) - parts, rcond=1e-10, hermitian=True)
-    moves = np.einsum("bij,bj->bi", rest, score)
+    inverse = np.linalg.pinv(parts.sum(0) - parts, rcond=1e-10, hermitian=True)
+    moves = np.einsum("bij,bj->bi", inverse, score)
     shares = np.trace(parts, axis1=1, axis2=2)
     count = shares.sum() ** 2 / np.sum(shares**2)
     return (number - 1) / number * moves.T @ moves / np.outer(size, size), float(count)
@@ -61,20 +61,20 @@ def widest_covariance(
     columns: np.ndarray, weights: np.ndarray, residual: np.ndarray, blocks: list[np.ndarray]
 ) -> tuple[np.ndarray, float]:
     """`block_covariance` of the first layout, each figure's error widened to the largest of all layouts."""
-    found = [block_covariance(columns, weights, residual, layout) for layout in blocks]
-    covariance, count = found[0]
-    spread = np.sqrt([np.maximum(np.diag(v), 1e-300) for v, _ in found])
+    estimates = [block_covariance(columns, weights, residual, layout) for layout in blocks]
+    covariance, count = estimates[0]
+    spread = np.sqrt([np.maximum(np.diag(v), 1e-300) for v, _ in estimates])
     wider = spread.max(0) / spread[0]
     return covariance * np.outer(wider, wider), count
 
 
-def pose_covariance(fit: Fit, distortion: str, *, tiles_only: bool = False) -> tuple[np.ndarray, float]:
+def pose_covariance(fit: Fit, distortion: Distortion, *, tiles_only: bool = False) -> tuple[np.ndarray, float]:
     """Covariance of the parameters of `Pose.moved`; no direction is worse than the target's own size.
 
     Parameters
     ----------
     fit : Fit
-    distortion : str
+    distortion : Distortion
     tiles_only : bool
         Blocks as tiles only: for a joint test of several figures, which widening each by its own factor would blunt.
 
