@@ -14,7 +14,8 @@ from dlwpredict.infer import held_out
 from dlwpredict.infer.baseline import derivatives_um, fitter_of, rewhitened, rough
 from dlwpredict.infer.fitter import Start
 from dlwpredict.infer.free import Free
-from dlwpredict.infer.intervals import NORMAL, Intervals, curved, intervals
+from dlwpredict.infer.intervals import NORMAL, Intervals, curved
+from dlwpredict.infer.intervals import intervals as intervals_of
 from dlwpredict.infer.noises import noises, plane
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective, Work
@@ -59,10 +60,10 @@ class Holdout:
     @classmethod
     def of(cls, fitted: Fit) -> Holdout:
         """Leave out every block in turn."""
-        found, counts = held_out.blocks(fitted, BLOCKS_A_SIDE), held_out.cuts(fitted, BLOCKS_A_SIDE)
+        left_out, counts = held_out.blocks(fitted, BLOCKS_A_SIDE), held_out.cuts(fitted, BLOCKS_A_SIDE)
         sizes = [item.recording.target.size_um for item in fitted.data]
         sides = tuple(float(min(np.divide(size, count))) for size, count in zip(sizes, counts, strict=True))
-        rmse_um, folds = (found.rmse_um, len(found.points)) if found else (np.nan, 0)
+        rmse_um, folds = (left_out.rmse_um, len(left_out.points)) if left_out else (np.nan, 0)
         return cls(rmse_um, folds, sides, held_out.BUFFER_UM)
 
 
@@ -111,12 +112,12 @@ class Calibration:
     def parameters(self) -> ParameterSet:
         """The calibrated process, with bounds and intervals."""
         rounded = np.array([_rounded(v) for v in self.end.vector])
-        found, names = self.free.parameters(self.free.allowed(rounded)), self.free.names
+        process, names = self.free.parameters(self.free.allowed(rounded)), self.free.names
         bounds = zip(self.free.low, self.free.high, strict=True)
         return replace(
-            found,
-            bounds=found.bounds | _ranges(dict(zip(names, bounds, strict=True))),
-            intervals=found.intervals | _ranges(self.intervals.as_dict()),
+            process,
+            bounds=process.bounds | _ranges(dict(zip(names, bounds, strict=True))),
+            intervals=process.intervals | _ranges(self.intervals.as_dict()),
         )
 
 
@@ -165,9 +166,9 @@ def calibrate(
         recordings, first = simplex(recordings, free, work, spikes=robust)
     else:
         recordings, first = rough(recordings, free, known, work, spikes=robust)
-    slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
+    slopes = [steepness(trace.heights_um, r.target) for trace, r in zip(first.traces, recordings, strict=True)]
     noise = noises(recordings, first.residuals_um(), _absorbed(first), slopes=slopes, seed=seed)
-    models = [one.model for one in noise]
+    models = [estimate.model for estimate in noise]
     fitter = fitter_of(recordings, models, slopes, first, Objective(first.data, known, work))
     objective = fitter.objective
     start, end = objective.at(free, free.start), rewhitened(first, objective)
@@ -175,22 +176,22 @@ def calibrate(
         end = fitter.best(Start(min(start, end, key=lambda fit: fit.cost).parameters, end))
     spent, later = work.predictions, Work()
     null = Null.of(end.data, objective.rows, noise, seed)
-    found = _intervals(end, null, replace(objective, work=later), profile)
+    intervals = _intervals(end, null, replace(objective, work=later), profile)
     correlation = _correlation(end)
-    directions = _open_directions(free, found.sd, correlation)
-    determined = identified(free, end.vector, found, known)
+    directions = _open_directions(free, intervals.sd, correlation)
+    determined = identified(free, end.vector, intervals, known)
     return Calibration(
         free,
         tuple(recordings),
         tuple(noise),
         start,
         end,
-        found,
+        intervals,
         correlation,
         directions,
         dict(zip(free.names, determined.tolist(), strict=True)),
         Holdout.of(end),
-        warnings_of(end, found, determined, directions),
+        warnings_of(end, intervals, determined, directions),
         {"fit": spent, "all": spent + later.predictions},
     )
 
@@ -201,19 +202,19 @@ def _absorbed(first: Fit) -> list[np.ndarray]:
     What the model has wrong is noise of a long correlation.
     """
     designs = []
-    for item, one, derivatives in zip(first.data, first.traces, derivatives_um(first), strict=True):
-        own = item.nuisance_maps(one.heights_um)
-        designs.append(np.concatenate([plane(item.recording.target), derivatives, own]))
+    for item, trace, derivatives in zip(first.data, first.traces, derivatives_um(first), strict=True):
+        nuisances = item.nuisance_maps(trace.heights_um)
+        designs.append(np.concatenate([plane(item.recording.target), derivatives, nuisances]))
     return designs
 
 
 def _intervals(end: Fit, null: Null, objective: Objective, profile: bool | None) -> Intervals:
     """Return the intervals, those of the parameters that need it, or of the worst of them, from the profile."""
-    straight = intervals(end, null)
+    straight = intervals_of(end, null)
     if profile is False:
         return straight
     worst = sorted(curved(end, straight.sd), key=lambda k: -straight.sd[k] / max(abs(end.vector[k]), 1e-9))
-    return intervals(end, null, objective, [end.free.names[k] for k in (worst if profile else worst[:1])])
+    return intervals_of(end, null, objective, [end.free.names[k] for k in (worst if profile else worst[:1])])
 
 
 def _correlation(end: Fit) -> np.ndarray:
@@ -235,15 +236,15 @@ def _open_directions(free: Free, sd: np.ndarray, correlation: np.ndarray) -> lis
     covariance = correlation * np.outer(spread, spread)
     values, vectors = np.linalg.eigh(covariance)
     values = values / (1 + np.maximum(values, 0))
-    found = []
+    directions = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
         reach = NORMAL * np.sqrt(max(value, 0))
         if reach < OPEN_SHARE:
             break
         sign = np.sign(vector[np.argmax(np.abs(vector))])
         part = np.abs(vector) > 0.15 * np.abs(vector).max()
-        found.append({free.names[k]: float(sign * vector[k] * reach * width[k]) for k in np.flatnonzero(part)})
-    return found
+        directions.append({free.names[k]: float(sign * vector[k] * reach * width[k]) for k in np.flatnonzero(part)})
+    return directions
 
 
 def _ranges(ranges: dict[str, tuple[Any, Any]]) -> dict[str, tuple[float, float]]:

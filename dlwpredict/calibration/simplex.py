@@ -82,7 +82,7 @@ def _run(objective: Objective, start: Fit) -> Fit:
         vector = scaled * unit
         inside = free.allowed(vector)
         place = objective.at(free, inside, best)
-        best = min(best, place, key=lambda one: one.cost)
+        best = min(best, place, key=lambda fit: fit.cost)
         return _rmse_um(place) + float(np.abs((inside - vector) / unit).sum())
 
     corners = [start.vector]

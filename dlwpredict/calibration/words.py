@@ -38,11 +38,11 @@ RELATIVE_ONLY = "learned from relative heights only (no substrate in view): reli
 
 def cautions_of(recordings: Sequence[Recording]) -> list[str]:
     """Return what should be known wherever the process is used."""
-    return [RELATIVE_ONLY] if all(one.measured.height_reference == "relative" for one in recordings) else []
+    return [RELATIVE_ONLY] if all(recording.measured.height_reference == "relative" for recording in recordings) else []
 
 
 def warnings_of(
-    end: Fit, found: Intervals, determined: np.ndarray, directions: Sequence[Mapping[str, float]]
+    end: Fit, intervals: Intervals, determined: np.ndarray, directions: Sequence[Mapping[str, float]]
 ) -> list[str]:
     """Return what the user should know before trusting the parameters: at most three sentences.
 
@@ -52,20 +52,24 @@ def warnings_of(
     Parameters
     ----------
     end : Fit
-    found : Intervals
+    intervals : Intervals
     determined : numpy.ndarray of bool, shape (parameters,)
         From `identified`.
     directions : sequence of mapping
         Changes that are left open, name to µm or 1.
     """
     free = end.free
-    known = zip(free.names, end.vector, found.ends, free.low, free.high, determined, strict=True)
+    known = zip(free.names, end.vector, intervals.ends, free.low, free.high, determined, strict=True)
     kinds: dict[str, list[str]] = {"bound": [], "open": [], "weak": []}
     for name, value, interval, low, high, told in known:
         kind, text = _about(name, float(value), interval, (float(low), float(high)), determined=bool(told))
         if kind:
             kinds[kind].append(f"{name} {text}{_unit(fittable(free.base)[name].unit)}")
-    return [*_about_bounds(kinds["bound"]), *_about_knowledge(free, kinds, directions), *_about_recordings(end, found)]
+    return [
+        *_about_bounds(kinds["bound"]),
+        *_about_knowledge(free, kinds, directions),
+        *_about_recordings(end, intervals),
+    ]
 
 
 def _about_bounds(stopped: list[str]) -> list[str]:
@@ -90,19 +94,19 @@ def _about_knowledge(
     ]
 
 
-def identified(free: Free, vector: np.ndarray, found: Intervals, known: Mapping[str, Prior]) -> np.ndarray:
+def identified(free: Free, vector: np.ndarray, intervals: Intervals, known: Mapping[str, Prior]) -> np.ndarray:
     """Return True for each parameter that the data determine, shape (parameters,).
 
     It lies away from its bounds, its interval spans at most half of them, and is narrower than what was known before.
     At a bound the fit was stopped, not the data satisfied: that interval says nothing of where the parameter is.
     """
     width = free.high - free.low
-    spans = (found.ends[:, 1] - found.ends[:, 0]) / width
+    spans = (intervals.ends[:, 1] - intervals.ends[:, 0]) / width
     inside = (vector - free.low >= EDGE_SHARE * width) & (free.high - vector >= EDGE_SHARE * width)
     before = [
         known[name].sd_at(value) if name in known else np.inf for name, value in zip(free.names, vector, strict=True)
     ]
-    return (spans <= UNKNOWN_SHARE) & inside & (found.sd < PRIOR_SHARE * np.array(before))
+    return (spans <= UNKNOWN_SHARE) & inside & (intervals.sd < PRIOR_SHARE * np.array(before))
 
 
 def nuisances_um(end: Fit, k: int) -> dict[str, float]:
@@ -111,8 +115,8 @@ def nuisances_um(end: Fit, k: int) -> dict[str, float]:
     half_x, half_y = (size / 2 for size in item.recording.target.size_um)
     lever = dict.fromkeys((*LEVELLING, *SHIFTS), 1.0)
     lever |= {"rotation": max(half_x, half_y), "scale_x": half_x, "scale_y": half_y, "shear": half_y}
-    found = zip(item.nuisances, item.known() + end.coefficients[k], strict=True)
-    return {name: float(value) * lever[name] for name, value in found}
+    fitted = zip(item.nuisances, item.known() + end.coefficients[k], strict=True)
+    return {name: float(value) * lever[name] for name, value in fitted}
 
 
 def combination(free: Free, direction: Mapping[str, float]) -> str:
@@ -153,24 +157,24 @@ def width_if_square(fwhm_um: float, pitch_um: float) -> float:
     return float(sigma * FWHM_PER_SIGMA * pitch_um)
 
 
-def _about_recordings(end: Fit, found: Intervals) -> list[str]:
+def _about_recordings(end: Fit, intervals: Intervals) -> list[str]:
     """Say which recordings lie off their targets, and where the reading of a pixel moves the width of the focus."""
-    said = [*_about_shifts(end), *_about_pixels(end, found)]
+    said = [*_about_shifts(end), *_about_pixels(end, intervals)]
     return ["; ".join(said)] if said else []
 
 
-def _about_pixels(end: Fit, found: Intervals) -> list[str]:
+def _about_pixels(end: Fit, intervals: Intervals) -> list[str]:
     place = end.free.index("exposure_fwhm_xy_um")
     if place is None or end.parameters.readings.pixels != "points":
         return []
     targets = [item.recording.target for item in end.data]
     pitch = max(max(target.dx_um, target.dy_um) for target in targets)
-    other = width_if_square(end.vector[place], pitch)
-    if found.ends[place, 0] <= other <= found.ends[place, 1]:
+    if_square_um = width_if_square(end.vector[place], pitch)
+    if intervals.ends[place, 0] <= if_square_um <= intervals.ends[place, 1]:
         return []
     return [
-        f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: it would be {other:.2g} µm, were they "
-        "written as squares (then say readings: {pixels: squares}) and not smooth between them"
+        f"exposure_fwhm_xy_um rests on how pixels of {pitch:.3g} µm are read: it would be {if_square_um:.2g} µm, "
+        "were they written as squares (then say readings: {pixels: squares}) and not smooth between them"
     ]
 
 
@@ -179,7 +183,8 @@ def _about_shifts(end: Fit) -> list[str]:
     for k, item in enumerate(end.data):
         moved, target = nuisances_um(end, k), item.recording.target
         most = min(max(target.dx_um, target.dy_um), OFF_SD * NUISANCES["shift_x"][1])
-        shift = np.hypot(*(moved.get(name, 0.0) for name in SHIFTS))
+        x_um, y_um = (moved.get(name, 0.0) for name in SHIFTS)
+        shift = np.hypot(x_um, y_um)
         if shift > most:
             said.append(f"{item.recording.name} is shifted by {shift:.3g} µm against its prediction: align it again")
     return said

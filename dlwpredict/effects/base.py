@@ -41,8 +41,9 @@ class Effect:
     def __post_init__(self) -> None:
         for name, (_, declaration) in declarations(self).items():
             check_range(f"{self.name}.{name}", getattr(self, name), declaration)
-        if getattr(self, "direction", 1.0) not in (-1.0, 1.0):
-            raise InputError(f"found {self.direction:g}", key=f"{self.name}.direction", allowed="allowed: 1 or -1")
+        direction = getattr(self, "direction", 1.0)
+        if direction not in (-1.0, 1.0):
+            raise InputError(f"found {direction:g}", key=f"{self.name}.direction", allowed="allowed: 1 or -1")
 
     @classmethod
     def switches(cls) -> dict[str, float]:
@@ -98,13 +99,18 @@ class DoseEffect(Effect):
 
     def act(self, state: Dose) -> Dose:
         """Return the dose with this intensity of the focus as one more factor."""
-        return self.added(state, intensity=(*state.intensity, self.intensity))
+        return self.added(state, intensity=self.intensity)
 
-    def added(self, state: Dose, **factors: tuple[PlaneAt, ...]) -> Dose:
-        """Return the dose with other factors; η belongs to the resin and is shared."""
-        return replace(state, **factors, conversion=max(state.conversion, self.conversion))
+    def added(self, state: Dose, *, intensity: PlaneAt | None = None, background: PlaneAt | None = None) -> Dose:
+        """Return the dose with one more factor on the focus or on the background; η is the resin's, and shared."""
+        return replace(
+            state,
+            intensity=(*state.intensity, intensity) if intensity else state.intensity,
+            background=(*state.background, background) if background else state.background,
+            conversion=max(state.conversion, self.conversion),
+        )
 
-    def intensity(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D while the layer at height z is written, on the whole plane, shape (rows, cols)."""
         raise TypeError(f"{type(self).__name__} has no formula")
 
@@ -119,7 +125,7 @@ class ThresholdEffect(Effect):
         """Return the dose with one more factor on the threshold."""
         return replace(state, threshold_factor=(*state.threshold_factor, self.factor))
 
-    def factor(self, written: HeightMap, z_um: float) -> np.ndarray:
+    def factor(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return the factor on P of the resin at height z, shape (rows, cols)."""
         raise TypeError(f"{type(self).__name__} has no formula")
 

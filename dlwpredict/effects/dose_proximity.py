@@ -52,7 +52,7 @@ class DoseProximity(DoseEffect):
 
     def act(self, state: Dose) -> Dose:
         """Return the dose with this background: it reaches the resin, wherever the focus is."""
-        return self.added(state, background=(*state.background, self.intensity))
+        return self.added(state, background=self.intensity)
 
     def intensity(self, written: HeightMap, z_um: float | np.ndarray) -> np.ndarray:
         """Return D at height z."""

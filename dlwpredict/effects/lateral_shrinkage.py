@@ -72,14 +72,14 @@ def drawn_inwards(surface: HeightMap, strain: float, pin_height_um: float) -> np
     every, top = slice(None), np.full(len(x), 1.2 * surface.heights_um.max())
     low, high, at_low, at_high = halved(np.zeros(len(x)), top, every, _HALVINGS)
     slope = (at_high - at_low) / (high - low)
-    found = low - at_low / slope
-    found = np.clip(found - depth(found, every) / slope, low, high)
-    rough = np.flatnonzero(np.abs(depth(found, every)) > _SETTLED_UM)
+    z = low - at_low / slope
+    z = np.clip(z - depth(z, every) / slope, low, high)
+    rough = np.flatnonzero(np.abs(depth(z, every)) > _SETTLED_UM)
     if len(rough):
         low, high, *_ = halved(low[rough], high[rough], rough, _MORE_HALVINGS)
-        found[rough] = (low + high) / 2
+        z[rough] = (low + high) / 2
     moved = np.zeros(surface.shape)
-    moved[rows, cols] = found
+    moved[rows, cols] = z
     return moved
 
 

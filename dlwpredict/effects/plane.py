@@ -13,7 +13,9 @@ FIELD_RADIUS_UM = 50.0
 """Distance from the field's centre at which field-dependent effects are stated (ρ = 1)."""
 
 
-def field_coordinates(grid: HeightMap, centre_x_um: float = 0.0, centre_y_um: float = 0.0):
+def field_coordinates(
+    grid: HeightMap, centre_x_um: float = 0.0, centre_y_um: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Return x (cols,) and y (rows, 1) from the field's centre, in units of 50 µm; ρ² = x² + y²."""
     x = (grid.x_um - centre_x_um) / FIELD_RADIUS_UM
     y = (grid.y_um[:, None] - centre_y_um) / FIELD_RADIUS_UM

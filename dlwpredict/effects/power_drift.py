@@ -31,7 +31,7 @@ class PowerDrift(DoseEffect):
     def act(self, state: Dose) -> Dose:
         """Return the dose with the drift over the layers that are written, wherever D is asked for."""
         drift = partial(self.along, highest_um=state.written.heights_um.max())
-        return self.added(state, intensity=(*state.intensity, drift))
+        return self.added(state, intensity=drift)
 
     def along(self, written: HeightMap, z_um: float | np.ndarray, *, highest_um: float) -> float | np.ndarray:
         """Return D at height z, the same on the whole plane."""

@@ -26,8 +26,8 @@ def uphill(heights: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     around = np.pad(line, [(1, 1), *[(0, 0)] * (line.ndim - 1)], mode="edge")
     before, after = (np.where(np.isnan(side), line, side) for side in (around[:-2], around[2:]))
     central, bend = (after - before) / 2, before - 2 * line + after
-    own = own_slope(bend, pitch_um)
-    return np.moveaxis(np.maximum(np.maximum(central + own, own - central), 0) / pitch_um, 0, axis)
+    slope = own_slope(bend, pitch_um)
+    return np.moveaxis(np.maximum(np.maximum(central + slope, slope - central), 0) / pitch_um, 0, axis)
 
 
 def touched_by_ball(heights: np.ndarray, dx_um: float, dy_um: float, radius_um: float) -> np.ndarray:
