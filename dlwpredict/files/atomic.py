@@ -77,8 +77,8 @@ def _whole(path: Path) -> Iterator[Path]:
 def _clear(folder: Path) -> None:
     """Remove temporary files of processes on this machine that are no more."""
     for entry in os.scandir(folder):
-        found = _TEMPORARY.match(entry.name)
-        if found and not _runs(int(found[1])):
+        match = _TEMPORARY.match(entry.name)
+        if match and not _runs(int(match[1])):
             Path(entry.path).unlink(missing_ok=True)
 
 

@@ -5,7 +5,7 @@ Only coarse slips are named, and only as warnings: a factor of 3 in height, anot
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ _ALREADY = {
 
 _OF_RECORDINGS = "align", "calibrate", "diagnose"
 
-_TURNS = {
+_TURNS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], bool]] = {
     "": (lambda z: z, True),
     "mirrored left to right": (np.fliplr, True),
     "mirrored top to bottom": (np.flipud, True),
@@ -52,21 +52,22 @@ def doubts(run: Run, pairs: Sequence[tuple[Path, Path]]) -> list[str]:
     pairs : sequence of pairs of Path
         Which maps belong together: target and recording.
     """
-    found = []
-    own = run.words[1] if len(run.words) > 1 else ""
+    warnings: list[str] = []
+    command = run.words[1] if len(run.words) > 1 else ""
     for path, step in run.steps.items():
-        if said := _ALREADY.get((own, step)):
-            found.append(f"{path}: {said}")
+        if said := _ALREADY.get((command, step)):
+            warnings.append(f"{path}: {said}")
     for target, recording in pairs:
         if run.steps.get(target) == "align" and run.steps.get(recording) == "design":
-            found.append(f"{target}: was made by align, {recording} by design: are target and recording swapped?")
-        elif own in _OF_RECORDINGS and run.steps.get(recording) == "design":
-            found.append(f"{recording}: was made by design: are target and recording exchanged?")
+            warnings.append(f"{target}: was made by align, {recording} by design: are target and recording swapped?")
+        elif command in _OF_RECORDINGS and run.steps.get(recording) == "design":
+            warnings.append(f"{recording}: was made by design: are target and recording exchanged?")
         elif target in run.maps and recording in run.maps:
-            said = disagreement(run.maps[target], run.maps[recording])
-            said += [] if recording in run.steps else clipping(run.maps[recording])  # said when it was converted
-            found += [f"{recording}: {text}" for text in said]
-    return found
+            differences = disagreement(run.maps[target], run.maps[recording])
+            if recording not in run.steps:  # else said when it was converted
+                differences += clipping(run.maps[recording])
+            warnings += [f"{recording}: {text}" for text in differences]
+    return warnings
 
 
 def disagreement(target: HeightMap, recording: HeightMap) -> list[str]:

@@ -158,14 +158,16 @@ def formats() -> dict[str, Format]:
     RuntimeError
         Two formats claim one ending.
     """
-    found: dict[str, Format] = {}
+    by_ending: dict[str, Format] = {}
     for module in sorted(entry.name for entry in pkgutil.iter_modules([str(Path(__file__).parent)])):
         this = getattr(importlib.import_module(f"{__package__}.{module}"), "FORMAT", None)
-        for ending in this.endings if isinstance(this, Format) else ():
-            if ending in found:
-                raise RuntimeError(f"{ending} is claimed by {found[ending].name} and {this.name}")
-            found[ending] = this
-    return found
+        if not isinstance(this, Format):
+            continue
+        for ending in this.endings:
+            if ending in by_ending:
+                raise RuntimeError(f"{ending} is claimed by {by_ending[ending].name} and {this.name}")
+            by_ending[ending] = this
+    return by_ending
 
 
 def format_of(path: Path, action: str, first_bytes: bytes = b"") -> Format:
@@ -183,5 +185,5 @@ def format_of(path: Path, action: str, first_bytes: bytes = b"") -> Format:
     for ending in sorted(able, key=len, reverse=True):
         if path.name.lower().endswith(ending):
             return able[ending]
-    found = "".join(path.suffixes[-2:]) or "no ending"
-    raise InputError(f"cannot {action} {found}", key="format", allowed=f"allowed: {' '.join(able)}")
+    suffixes = "".join(path.suffixes[-2:]) or "no ending"
+    raise InputError(f"cannot {action} {suffixes}", key="format", allowed=f"allowed: {' '.join(able)}")

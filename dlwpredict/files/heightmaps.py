@@ -54,6 +54,7 @@ def read_height_map(
         if channel is not None and not chosen.channels:
             raise InputError(f"given for {chosen.name}", key="--channel", allowed="allowed where a file has several")
         note_input(path)
+        assert chosen.read is not None  # `format_of` has seen to it
         stored = chosen.read(path, pitch, channel) if chosen.channels else chosen.read(path, pitch)
         height_map = stored.height_map(pitch_um=pitch, z_scale=z_scale, z_range_um=z_range_um)
         _check_sizes(height_map)
@@ -84,6 +85,7 @@ def write_height_map(path: Path | str, height_map: HeightMap, **knobs: Any) -> l
     path = Path(path)
     with blaming(path):
         chosen = format_of(path, "write")
+        assert chosen.write is not None  # `format_of` has seen to it
         with replacing(path) as temporary:
             return chosen.write(temporary, height_map, **knobs)
 
@@ -94,8 +96,8 @@ def _pair(pitch_um: float | tuple[float, ...] | None) -> tuple[float, float] | N
         return None
     values = np.atleast_1d(np.asarray(pitch_um, dtype=float))
     if values.shape not in ((1,), (2,)) or not (np.isfinite(values).all() and (values > 0).all()):
-        found = " ".join(f"{value:g}" for value in values.ravel())
-        raise InputError(f"found {found}", key="--pitch-um", allowed="allowed: one or two positive numbers of µm")
+        numbers = " ".join(f"{value:g}" for value in values.ravel())
+        raise InputError(f"found {numbers}", key="--pitch-um", allowed="allowed: one or two positive numbers of µm")
     return float(values[0]), float(values[-1])
 
 
@@ -106,8 +108,8 @@ def _check_scale(z_scale: float | None) -> None:
 
 def _check_range(z_range_um: tuple[float, float] | None) -> None:
     if z_range_um is not None and not (np.isfinite(z_range_um).all() and z_range_um[0] < z_range_um[1]):
-        found = " ".join(f"{value:g}" for value in z_range_um)
-        raise InputError(f"found {found}", key="--z-range", allowed="allowed: two numbers of µm, the lower one first")
+        numbers = " ".join(f"{value:g}" for value in z_range_um)
+        raise InputError(f"found {numbers}", key="--z-range", allowed="allowed: two numbers of µm, the lower one first")
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -51,7 +51,8 @@ def mapped(path: Path) -> Mapped | None:
     try:
         with tifffile.TiffFile(path) as file:
             page, alone = file.pages.first, len(file.series) == 1
-            plain = page.is_memmappable and page.dtype.kind == "f" and len(file.series[0].shape) == 2
+            real = page.dtype is not None and page.dtype.kind == "f"
+            plain = page.is_memmappable and real and len(file.series[0].shape) == 2
             upright = page.tags.valueof("Orientation", 1) == 1
             description = page.description
         heights = tifffile.memmap(path, mode="r") if alone and plain and upright else None

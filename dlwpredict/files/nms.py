@@ -37,8 +37,8 @@ def read_nms(path: Path, pitch_um: Pair | None) -> Stored:
     if (data_type, dimension) != (_UINT16, _AREA):
         raise InputError(f"type {data_type}, dimension {dimension}", key="type", allowed="allowed: 2, 1 (16-bit area)")
     if not (n_low < n_high and np.isfinite((f_low, f_high)).all() and f_low < f_high):
-        found = f"levels {n_low} to {n_high} for {f_low:g} to {f_high:g} µm"
-        raise InputError(found, key="z range", allowed="allowed: the lower one first")
+        ranges = f"levels {n_low} to {n_high} for {f_low:g} to {f_high:g} µm"
+        raise InputError(ranges, key="z range", allowed="allowed: the lower one first")
     if not (np.isfinite((dx_nm, dy_nm)).all() and min(dx_nm, dy_nm) > 0):
         raise InputError(f"found {dx_nm:g} {dy_nm:g} nm", key="pitch", allowed="allowed: positive numbers")
     expected = HEADER_BYTES + cols * rows * (3 if has_intensity == 1 else 2)

@@ -138,12 +138,12 @@ def _effects(entries: Any, section: str) -> tuple:
     built: list[Effect] = []
     for entry in entries:
         if not isinstance(entry, dict) or entry.get("name") not in list(library()):
-            found = entry.get("name") if isinstance(entry, dict) else entry
+            name = entry.get("name") if isinstance(entry, dict) else entry
             raise InputError(
-                f"found {found!r}", key=f"{section}.name", allowed=f"allowed: {', '.join(library()) or 'none'}"
+                f"found {name!r}", key=f"{section}.name", allowed=f"allowed: {', '.join(library()) or 'none'}"
             )
         kind = library()[entry["name"]]
-        if any(isinstance(other, kind) for other in built):
+        if any(isinstance(effect, kind) for effect in built):
             raise InputError("named twice", key=f"{section}.{kind.name}", allowed="each effect once")
         given = {key: value for key, value in entry.items() if key != "name"}
         _refuse_unknown(given, tuple(declarations(kind)), f"{kind.name}.")

@@ -60,8 +60,9 @@ def clipping(height_map: HeightMap) -> list[str]:
     heights = height_map.heights_um[~np.isnan(height_map.heights_um)]
     if np.mean(heights == 0) > WRITTEN_SUBSTRATE:
         return []
-    found = [(name, end, int((heights == end).sum())) for name, end in _ends(heights) if end != 0]
-    many = [one for one in found if one[2] >= CLIPPED_POINTS and one[2] > CLIPPED_SHARE * heights.size]
+    counts = [(name, end, int((heights == end).sum())) for name, end in _ends(heights) if end != 0]
+    share = CLIPPED_SHARE * heights.size
+    many = [(name, end, count) for name, end, count in counts if count >= CLIPPED_POINTS and count > share]
     if not many or np.unique(heights).size <= CONTINUOUS_HEIGHTS:
         return []
     return [
@@ -102,12 +103,12 @@ def require_sizes(target: HeightMap, measured: HeightMap) -> None:
     InputError
         Names the unit that it looks like.
     """
-    for what, key, option, own, wanted in _compared(target, measured):
-        if not 1 / REFUSED <= own / wanted <= REFUSED:
+    for what, key, option, recorded, wanted in _compared(target, measured):
+        if not 1 / REFUSED <= recorded / wanted <= REFUSED:
             raise InputError(
-                f"{what} {own:.4g} µm, {own / wanted:.3g} times the target's {wanted:.4g} µm",
+                f"{what} {recorded:.4g} µm, {recorded / wanted:.3g} times the target's {wanted:.4g} µm",
                 key=key,
-                allowed=f"within a factor of {REFUSED:g}; {_unit(own / wanted, key, option)}",
+                allowed=f"within a factor of {REFUSED:g}; {_unit(recorded / wanted, key, option)}",
             )
 
 
@@ -121,9 +122,9 @@ def doubts_of_size(target: HeightMap, measured: HeightMap) -> list[str]:
     ['relief 1.557 µm, 1560 µm in the target: is the unit right (--z-scale)?']
     """
     return [
-        f"{what} {own:.4g} µm, {wanted:.4g} µm in the target: is the unit right ({option})?"
-        for what, _, option, own, wanted in _compared(target, measured)
-        if not 1 / DOUBTED <= own / wanted <= DOUBTED
+        f"{what} {recorded:.4g} µm, {wanted:.4g} µm in the target: is the unit right ({option})?"
+        for what, _, option, recorded, wanted in _compared(target, measured)
+        if not 1 / DOUBTED <= recorded / wanted <= DOUBTED
     ]
 
 
@@ -136,13 +137,13 @@ def _compared(target: HeightMap, measured: HeightMap) -> list[tuple[str, str, st
     written = float(np.nanmax(target.heights_um) - min(np.nanmin(target.heights_um), 0.0))
     across, up = (slope / 1e3 for slope in tilt_mrad(measured))
     plane = across * measured.x_um + up * measured.y_um[:, None]
-    low, high = sorted(_relief_um(one) for one in (measured.heights_um - plane, measured.heights_um))
-    sizes = (float(np.sqrt(np.prod(one.size_um))) for one in (measured, target))
-    found = [
+    low, high = sorted(_relief_um(heights) for heights in (measured.heights_um - plane, measured.heights_um))
+    field, wanted = (float(np.sqrt(np.prod(height_map.size_um))) for height_map in (measured, target))
+    compared = [
         ("relief", "heights", "--z-scale", float(np.clip(written, low, high)), written),
-        ("field", "pitch", "--pitch-um", *sizes),
+        ("field", "pitch", "--pitch-um", field, wanted),
     ]
-    return [one for one in found if one[3] > FLAT_UM and one[4] > 0]
+    return [sizes for sizes in compared if sizes[3] > FLAT_UM and sizes[4] > 0]
 
 
 def _relief_um(heights_um: np.ndarray) -> float:
@@ -164,7 +165,7 @@ def plausibility_of_pitch(own_um: tuple[float, float], given_um: tuple[float, fl
     """Return a warning where the pitch that a user gives is not the file's own."""
     if np.allclose(own_um, given_um, rtol=0.01):
         return []
-    own, given = (" x ".join(f"{one:.4g}" for one in pair) for pair in (own_um, given_um))
+    own, given = (" x ".join(f"{pitch:.4g}" for pitch in pair) for pair in (own_um, given_um))
     return [f"--pitch-um says {given} µm, the file itself {own} µm: the option was taken"]
 
 

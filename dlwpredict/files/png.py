@@ -29,6 +29,7 @@ def read_png(path: Path, pitch_um: Pair | None) -> Stored:
         Not a PNG, truncated, or not one grey channel.
     """
     from PIL import Image
+    from PIL.PngImagePlugin import PngImageFile
 
     try:
         with warnings.catch_warnings():
@@ -36,7 +37,7 @@ def read_png(path: Path, pitch_um: Pair | None) -> Stored:
             with Image.open(path, formats=["PNG"]) as picture:
                 require_size(*picture.size)
                 mode, levels = picture.mode, np.asarray(picture)
-                text = dict(picture.text)
+                text: dict[str, str] = dict(picture.text) if isinstance(picture, PngImageFile) else {}
     except InputError:
         raise
     except Exception as error:  # Pillow meets broken files with errors of every kind
@@ -94,11 +95,11 @@ def _gwyddion(text: dict[str, str], names: tuple[str, str], unit: str) -> Pair |
     factor = um_per(text.get(f"Gwy::{unit}") or "m", f"Gwy::{unit}")
     values = []
     for name in names:
-        found = text[f"Gwy::{name}"]
+        value = text[f"Gwy::{name}"]
         try:
-            values.append(factor * float(found))
+            values.append(factor * float(value))
         except ValueError:
-            raise InputError(f"found {found}", key=f"Gwy::{name}", allowed="allowed: a number") from None
+            raise InputError(f"found {value}", key=f"Gwy::{name}", allowed="allowed: a number") from None
     return values[0], values[1]
 
 

@@ -56,8 +56,8 @@ class Run:
     @property
     def step(self) -> str:
         """The command that made the heights; `convert` only gives them another form."""
-        own = self.words[1] if len(self.words) > 1 else ""
-        return next(iter(self.steps.values()), own) if own in _PASSED_ON else own
+        command = self.words[1] if len(self.words) > 1 else ""
+        return next(iter(self.steps.values()), command) if command in _PASSED_ON else command
 
 
 _run: ContextVar[Run | None] = ContextVar("run", default=None)
@@ -66,9 +66,10 @@ _run: ContextVar[Run | None] = ContextVar("run", default=None)
 @contextmanager
 def running(words: Sequence[str]) -> Iterator[Run]:
     """Note what is read in this block, and let everything written in it say so."""
-    token = _run.set(Run(tuple(words)))
+    run = Run(tuple(words))
+    token = _run.set(run)
     try:
-        yield _run.get()
+        yield run
     finally:
         _run.reset(token)
 
@@ -119,8 +120,8 @@ def with_cautions(cautions: Sequence[str]) -> dict[str, Any]:
 
 def cautions_of(stated: dict[str, Any]) -> list[str]:
     """Return what a provenance warns of."""
-    found = stated.get("cautions")
-    return [str(one) for one in found] if isinstance(found, list) else []
+    cautions = stated.get("cautions")
+    return [str(caution) for caution in cautions] if isinstance(cautions, list) else []
 
 
 def signed(text: str, ending: str) -> str:

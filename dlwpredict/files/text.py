@@ -86,13 +86,13 @@ def _unpacked(path: Path) -> bytes:
 
 def _gwyddion(comments: str, shape: tuple[int, int]) -> dict:
     """Return what the comment lines of Gwyddion's text export state: ``# Width: 5 µm``, ``# Value units: m``."""
-    found = {name: (value, unit) for name, value, unit in _GWYDDION.findall(comments)}
+    stated = {name: (value, unit) for name, value, unit in _GWYDDION.findall(comments)}
     facts: dict = {}
-    if {"Width", "Height"} <= found.keys():
-        width, depth = (_length(name, *found[name]) for name in ("Width", "Height"))
+    if {"Width", "Height"} <= stated.keys():
+        width, depth = (_length(name, *stated[name]) for name in ("Width", "Height"))
         facts["pitch_um"] = width / shape[1], depth / shape[0]
-    if "Value units" in found:
-        facts["z_unit"] = found["Value units"][1]
+    if "Value units" in stated:
+        facts["z_unit"] = stated["Value units"][1]
     return facts
 
 

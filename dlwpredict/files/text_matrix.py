@@ -38,7 +38,7 @@ def matrix_of(lines: list[tuple[int, str]]) -> tuple[np.ndarray, InputError | No
             texts = [line[:-1] for line in texts]
     if delimiter != "," and any("," in line for line in texts):
         texts = [line.replace(",", ".") for line in texts]
-    label: str | None = None
+    label: InputError | None = None
     rows: list[Any] = []
     for (number, _), text in zip(lines, texts, strict=True):
         cells = text.split(delimiter)
@@ -77,14 +77,14 @@ def without_axes(matrix: np.ndarray, label: InputError | None) -> tuple[np.ndarr
     InputError
         x falls from left to right (a mirrored map), or a label in the first cell without axes.
     """
-    steps = [_step(axis) for axis in (matrix[0, 1:], matrix[1:, 0])]
-    if None in steps or np.isclose(_step(matrix[1, 1:]) or 0.0, steps[0], rtol=0.01):
+    across, down = _step(matrix[0, 1:]), _step(matrix[1:, 0])
+    if across is None or down is None or np.isclose(_step(matrix[1, 1:]) or 0.0, across, rtol=0.01):
         if label is not None:
             raise label
         return matrix, None
-    if steps[0] < 0:
+    if across < 0:
         raise InputError("x falls from left to right", key="x", allowed="allowed: rising, or the map is mirrored")
-    return matrix[1:, 1:], (steps[0], abs(steps[1]))
+    return matrix[1:, 1:], (across, abs(down))
 
 
 def _step(axis: np.ndarray) -> float | None:

@@ -123,6 +123,7 @@ def _silent() -> Iterator[None]:
 def _pitch_from_tags(tags: dict, unit: str | None) -> Pair | None:
     """Return the pitch that the resolution tags give, or None where they carry no unit of length."""
     x, y = (tags.get(code) for code in (282, 283))
+    length: float | None
     if unit and unit not in ("pixel", "pixels"):
         length = um_per(unit, "unit")
     else:

@@ -42,8 +42,8 @@ def read_x3p(path: Path, pitch_um: Pair | None) -> Stored:
         ) from None
     header = surface.header
     if not isinstance(surface, x3pio.Surface) or len(surface.layers) != 1:
-        found = f"{type(surface).__name__.lower()} of {len(surface.layers)} layers"
-        raise InputError(found, key="channels", allowed="a surface of one layer")
+        kind = f"{type(surface).__name__.lower()} of {len(surface.layers)} layers"
+        raise InputError(kind, key="channels", allowed="a surface of one layer")
     if not (header.x.is_incremental and header.y.is_incremental):
         raise InputError("x and y of every point", key="axes", allowed="an even grid")
     lines = parse_lines((surface.metadata and surface.metadata.comment) or "")

@@ -58,10 +58,10 @@ def _list(dumper: yaml.SafeDumper, value: list) -> yaml.SequenceNode:
     return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=plain)
 
 
-for kind in (float, np.float64, np.float32):
-    _PlainDumper.add_representer(kind, _float)
-for kind in (list, tuple):
-    _PlainDumper.add_representer(kind, _list)
+for real in (float, np.float64, np.float32):
+    _PlainDumper.add_representer(real, _float)
+for sequence in (list, tuple):
+    _PlainDumper.add_representer(sequence, _list)
 _PlainDumper.add_multi_representer(np.integer, lambda dumper, value: dumper.represent_int(int(value)))
 _PlainDumper.add_multi_representer(np.bool_, lambda dumper, value: dumper.represent_bool(bool(value)))
 _PlainDumper.ignore_aliases = lambda self, data: True
