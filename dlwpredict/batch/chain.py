@@ -97,8 +97,8 @@ def _step(chain: Chain, command: Command) -> Step:
         return Step(name, "finished before", before.warnings)
     older = present if before is None or before.outputs else _kept(before.standing, present)
     if not command.overwrite:
-        for path, found in present.items():
-            if before is None or before.outputs.get(path, found) != found or (not before.outputs and path in older):
+        for path, sha256 in present.items():
+            if before is None or before.outputs.get(path, sha256) != sha256 or (not before.outputs and path in older):
                 return Step(name, "failed", (f"{path}: output: exists already, allowed with --overwrite",))
         if before and before.outputs and present:
             why = "has changed inputs" if before.words == command.words else "was made by another command"
@@ -119,4 +119,4 @@ def _step(chain: Chain, command: Command) -> Step:
 
 def _kept(standing: dict[str, str], present: dict[str, str]) -> dict[str, str]:
     """Return the files that are still as they stood."""
-    return {path: found for path, found in present.items() if standing.get(path) == found}
+    return {path: sha256 for path, sha256 in present.items() if standing.get(path) == sha256}

@@ -83,7 +83,7 @@ def _structures(entries: Any, folder: Path) -> list[dict[str, str]]:
     entries = [entries] if isinstance(entries, str) else entries
     if not isinstance(entries, list) or not entries:
         raise InputError(f"found {entries!r}", key="structures", allowed="allowed: files and patterns as targets/*.tif")
-    found: list[dict[str, str]] = []
+    structures: list[dict[str, str]] = []
     for number, entry in enumerate(entries):
         key = f"structures[{number}]"
         given = {"target": entry} if isinstance(entry, str) else entry
@@ -94,13 +94,13 @@ def _structures(entries: Any, folder: Path) -> list[dict[str, str]]:
             raise InputError(f"no file {given['target']}", key=key, allowed=f"files in {folder.resolve()}")
         for target in targets:
             words = {"name": Path(target).stem, **{str(k): str(v) for k, v in given.items()}, "target": target}
-            twin = next((other["target"] for other in found if other["name"] == words["name"]), None)
+            twin = next((earlier["target"] for earlier in structures if earlier["name"] == words["name"]), None)
             if twin is not None:
                 raise InputError(
                     f"{twin} and {target} are both called {words['name']}", key=key, allowed="{target: ..., name: ...}"
                 )
-            found.append(words)
-    return found
+            structures.append(words)
+    return structures
 
 
 COMPANIONS = ".provenance.yaml", ".part", ".tiles"

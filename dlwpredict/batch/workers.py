@@ -73,20 +73,21 @@ def _in_processes(
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
-    own = threading.local()
+    local = threading.local()
     pools: list[ProcessPoolExecutor] = []
 
     def attend(job: Job) -> Result | Exception:
         for _ in range(DEATHS):
-            if not hasattr(own, "pool"):
+            if not hasattr(local, "pool"):
                 # a worker finishes its job on Ctrl-C: only this process stops handing out more
-                begin = {"initializer": begin_worker, "initargs": (signal.SIG_IGN,)}
-                own.pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), **begin)
-                pools.append(own.pool)
+                local.pool = ProcessPoolExecutor(
+                    1, mp_context=get_context("spawn"), initializer=begin_worker, initargs=(signal.SIG_IGN,)
+                )
+                pools.append(local.pool)
             try:
-                return own.pool.submit(function, job).result()
+                return local.pool.submit(function, job).result()
             except BrokenProcessPool:
-                del own.pool
+                del local.pool
             except Exception as error:
                 return error
         return InputError(DIED)

@@ -6,7 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, get_args
+from typing import Annotated, Any, Protocol, cast, get_args
 
 import numpy as np
 
@@ -14,8 +14,19 @@ from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import Declaration, check_range
 
-Design = Callable[..., HeightMap]
 Shape = Callable[..., np.ndarray]
+
+
+class Design(Protocol):
+    """A kind of target: called with its options, which its signature declares."""
+
+    meaning: str
+    __signature__: inspect.Signature
+
+    def __call__(self, **options: Any) -> HeightMap:
+        """Make the target."""
+
+
 KINDS: dict[str, Design] = {}
 MOST_POINTS = 25_000_000
 
@@ -169,31 +180,32 @@ def design(meaning: str, *, size_um: float) -> Callable[[Shape], Design]:
     """
 
     def enter(shape: Shape) -> Design:
-        own = list(inspect.signature(shape, eval_str=True).parameters.values())[1:]
+        special = list(inspect.signature(shape, eval_str=True).parameters.values())[1:]
         shared = list(inspect.signature(common, eval_str=True).parameters.values())
         shared[0] = shared[0].replace(default=size_um)
-        signature = inspect.Signature(shared + own, return_annotation=HeightMap)
+        signature = inspect.Signature(shared + special, return_annotation=HeightMap)
 
         @functools.wraps(shape)
-        def make(**options) -> HeightMap:
+        def make(**options: Any) -> HeightMap:
             bound = signature.bind(**options)
             bound.apply_defaults()
             values = bound.arguments
-            for name, declaration in options_of(make).items():
+            for name, declaration in options_of(kind).items():
                 if values[name] is not None:
                     check_range(name, values[name], declaration)
             dx_um, dy_um = values["pitch_um"], values["pitch_y_um"] or values["pitch_um"]
             footprint, margin = rows_and_cols(values["size_um"], values["margin_um"], dx_um, dy_um)
-            heights = shape(footprint, **{option.name: values[option.name] for option in own})
+            heights = shape(footprint, **{option.name: values[option.name] for option in special})
             return HeightMap(np.pad(heights, ((margin[0],) * 2, (margin[1],) * 2)), dx_um, dy_um)
 
-        make.__signature__ = signature
-        make.meaning = meaning
-        kind = shape.__name__.replace("_", "-")
-        if kind in KINDS:
-            raise TypeError(f"two designs are called {kind}")
-        KINDS[kind] = make
-        return make
+        kind = cast(Design, make)
+        kind.__signature__ = signature
+        kind.meaning = meaning
+        name = shape.__name__.replace("_", "-")
+        if name in KINDS:
+            raise TypeError(f"two designs are called {name}")
+        KINDS[name] = kind
+        return kind
 
     return enter
 

@@ -117,8 +117,8 @@ def _stored(reader: Any, pitch_um: Pair | None, channel: str | None) -> Stored:
     if chosen.unit is None:
         raise InputError("the file states none", key="unit", allowed="export text and give --pitch-um, --z-scale")
     surface = chosen.topography().to_unit("um")
-    across = np.ma.asarray(surface.heights(), dtype=float)  # the library has (x, y)
-    heights: np.ndarray = np.ma.filled(across, np.nan).T
+    across: np.ndarray = np.ma.asarray(surface.heights(), dtype=float)  # the library has (x, y)
+    heights = np.ma.filled(across, np.nan).T
     rows, cols = heights.shape
     width, depth = surface.physical_sizes
     return Stored(heights, pitch_um=pitch_um or (width / cols, depth / rows), z_unit="um")

@@ -125,10 +125,10 @@ def expose(job: TileJob) -> float:
     if job.path.exists():
         with np.load(job.path) as kept:
             return float(kept["maximum"])
-    found = exposure_of(job)
+    exposure = exposure_of(job)
     with replacing(job.path) as temporary, temporary.open("wb") as file:
-        np.savez(file, surface=found.surface_um, mean=found.mean, maximum=found.maximum)
-    return found.maximum
+        np.savez(file, surface=exposure.surface_um, mean=exposure.mean, maximum=exposure.maximum)
+    return exposure.maximum
 
 
 def exposure_of(job: TileJob) -> Exposure:

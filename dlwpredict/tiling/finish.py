@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from dlwpredict.tiling.window import Tile
 class _Known(Levels):
     """Numerics whose mean cross-linking has been computed already."""
 
-    mean: np.ndarray | None = None
+    mean: np.ndarray = field(kw_only=True)
 
     def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
         """Return it."""

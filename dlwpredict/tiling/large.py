@@ -98,21 +98,21 @@ class Large:
         check_tileable(self.parameters, as_measured=self.as_measured)
         opened(folder, self.key())
         canvas, halo = self.canvas, halo_px(self.canvas, halo_um(self.parameters))
-        own = self.parameters.readings.crosslink_reference == "structure_maximum"
+        by_maximum = self.parameters.readings.crosslink_reference == "structure_maximum"
         curved = any(step.stage == "crosslink" and not step.off for step in self.parameters.effects)
         jobs = [
-            TileJob(canvas, self.parameters, tile, halo, folder, None if own else 1.0, self.threads)
+            TileJob(canvas, self.parameters, tile, halo, folder, None if by_maximum else 1.0, self.threads)
             for tile in tiles(canvas.shape, self.tile_px)
         ]
-        count = len(jobs) * (2 + (own and curved))
+        count = len(jobs) * (2 + (by_maximum and curved))
         maximum = self._exposed(jobs, 0, count)
-        if own and curved:
+        if by_maximum and curved:
             first = len(jobs)
             normal = folder / "normalised"
             normal.mkdir(exist_ok=True)
             jobs = [replace(job, folder=normal, maximum=maximum) for job in jobs]
             self._exposed(jobs, first, count)
-        divisor = maximum if own and not curved else 1.0
+        divisor = maximum if by_maximum and not curved else 1.0
         rim = halo_px(canvas, finish_reach_um(self.parameters, as_measured=self.as_measured))
         for number, job in enumerate(jobs, 1):
             heights = finished(job, jobs, rim, divisor, as_measured=self.as_measured)
@@ -122,10 +122,10 @@ class Large:
     def _exposed(self, jobs: list[TileJob], before: int, count: int) -> float:
         """Let the engine expose all tiles; return the largest cross-linking of all."""
         maxima = []
-        for _, found in work(expose, jobs, scheduler=self.scheduler):
-            if isinstance(found, Exception):
-                raise found
-            maxima.append(found)
+        for _, outcome in work(expose, jobs, scheduler=self.scheduler):
+            if isinstance(outcome, Exception):
+                raise outcome
+            maxima.append(outcome)
             self.on_tile(before + len(maxima), count)
         return max(maxima) or 1.0
 
