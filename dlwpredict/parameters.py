@@ -241,5 +241,7 @@ class ParameterSet:
         if self.undecided is None:
             return self
         chosen: Process = getattr(self.undecided, side)
-        found = replace(self, paper=chosen.paper, effects=chosen.effects, undecided=None)
-        return found if (self.paper, self.effects) == (found.paper, found.effects) else replace(found, intervals={})
+        decided = replace(self, paper=chosen.paper, effects=chosen.effects, undecided=None)
+        if (self.paper, self.effects) == (decided.paper, decided.effects):
+            return decided
+        return replace(decided, intervals={})

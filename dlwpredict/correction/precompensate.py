@@ -250,10 +250,10 @@ def correct(
     """
     view = Continued.of(target, process) if continued else Continued(target, (0, 0))
     counted = np.pad(np.ones(target.shape, dtype=bool), [(r, r) for r in view.room])
-    found = precompensate(
+    result = precompensate(
         view.whole, lambda written: predict(written, process), limits=limits, counted=counted, **settings
     )
-    return found.in_view(view)
+    return result.in_view(view)
 
 
 def steps_um(target: HeightMap) -> float | None:

@@ -64,14 +64,16 @@ class Printable:
             change = _without_small(change, footprint, target, self.smallest_um)
         if self.smooth_um:
             change = _smoothed(change, footprint, target, self.smooth_um)
-        found = np.where(footprint, h + change, written)
-        return found if self.steepest == np.inf else _no_steeper(found, footprint, target, self.steepest)
+        heights = np.where(footprint, h + change, written)
+        return heights if self.steepest == np.inf else _no_steeper(heights, footprint, target, self.steepest)
 
 
 def _smoothed(change: np.ndarray, footprint: np.ndarray, grid: HeightMap, fwhm_um: float) -> np.ndarray:
     """Return the mean under a Gaussian of what lies on the part."""
     sigmas = [fwhm_um / FWHM_PER_SIGMA / pitch for pitch in (grid.dy_um, grid.dx_um)]
-    above, below = (ndimage.gaussian_filter(one, sigmas, mode="nearest") for one in (change, footprint.astype(float)))
+    above, below = (
+        ndimage.gaussian_filter(values, sigmas, mode="nearest") for values in (change, footprint.astype(float))
+    )
     return np.where(footprint, above / np.maximum(below, 1e-12), 0.0)
 
 
@@ -87,8 +89,8 @@ def _without_small(change: np.ndarray, footprint: np.ndarray, grid: HeightMap, w
     def highest(values: np.ndarray) -> np.ndarray:
         return ndimage.grey_dilation(np.where(footprint, values, -np.inf), footprint=disc, mode="nearest")
 
-    one, other = lowest(highest(highest(lowest(change)))), highest(lowest(lowest(highest(change))))
-    return (np.where(footprint, one, 0.0) + np.where(footprint, other, 0.0)) / 2
+    closing, opening = lowest(highest(highest(lowest(change)))), highest(lowest(lowest(highest(change))))
+    return (np.where(footprint, closing, 0.0) + np.where(footprint, opening, 0.0)) / 2
 
 
 def _no_steeper(heights: np.ndarray, footprint: np.ndarray, target: HeightMap, steepest: float) -> np.ndarray:
@@ -96,16 +98,16 @@ def _no_steeper(heights: np.ndarray, footprint: np.ndarray, target: HeightMap, s
 
     Neighbours are relaxed until none is too high, as distances on a grid are (Borgefors, 1986).
     """
-    h, found = target.heights_um, heights
+    h, surface = target.heights_um, heights
     while True:
-        before = found
+        before = surface
         for r, c in NEIGHBOURS:
             run = steepest * float(np.hypot(r * target.dy_um, c * target.dx_um))
-            beside = _moved(np.where(footprint, found + run, np.inf), r, c)
+            beside = _moved(np.where(footprint, surface + run, np.inf), r, c)
             rise = np.maximum(h - _moved(h, r, c) - run, 0.0)
-            found = np.where(footprint, np.minimum(found, beside + rise), found)
-        if np.array_equal(found, before):
-            return found
+            surface = np.where(footprint, np.minimum(surface, beside + rise), surface)
+        if np.array_equal(surface, before):
+            return surface
 
 
 def _moved(values: np.ndarray, rows: int, cols: int) -> np.ndarray:

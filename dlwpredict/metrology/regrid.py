@@ -78,8 +78,8 @@ def resampled(height_map: HeightMap, pitch_um: float) -> HeightMap:
     if pitch_um < finest * (1 - 1e-9):
         raise InputError(f"found {pitch_um:g} µm", key="--resample-um", allowed=f"at least the map's own {finest:g} µm")
     down, across = (
-        _overlaps(n, own, pitch_um)
-        for n, own in zip(height_map.shape, (height_map.dy_um, height_map.dx_um), strict=True)
+        _overlaps(n, own_um, pitch_um)
+        for n, own_um in zip(height_map.shape, (height_map.dy_um, height_map.dx_um), strict=True)
     )
     if min(down.shape[0], across.shape[0]) < 2:
         width, height = height_map.size_um

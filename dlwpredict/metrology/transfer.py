@@ -75,7 +75,7 @@ def transfer(reference: HeightMap, test: HeightMap, *, include_filled: bool = Fa
     known = ~np.isnan(test.heights_um) if include_filled else test.measured & reference.measured
     x, y = np.broadcast_arrays(reference.x_um, reference.y_um[:, None])
     radius, angle = np.hypot(x, y), np.degrees(np.arctan2(y, x))
-    found = {}
+    transfers = {}
     for axis, directions in (("x", (0.0, 180.0)), ("y", (90.0, -90.0))):
         sides = []
         for direction in directions:
@@ -83,8 +83,8 @@ def transfer(reference: HeightMap, test: HeightMap, *, include_filled: bool = Fa
             wave = Wave.of(radius[inside], reference.heights_um[inside], max(reference.dx_um, reference.dy_um))
             chosen = inside & known & ~np.isnan(reference.heights_um)
             sides.append(wave.transfers(radius[chosen], reference.heights_um[chosen], test.heights_um[chosen]))
-        found[axis] = _joined(sides, axis)
-    return found
+        transfers[axis] = _joined(sides, axis)
+    return transfers
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +140,14 @@ class Wave:
     def transfers(self, radius_um: np.ndarray, wave_um: np.ndarray, heights_um: np.ndarray) -> dict[float, float]:
         """Return the transfer by period, wherever enough points were measured."""
         slope = np.interp(radius_um, self.radius_um, np.gradient(self.height_um, self.radius_um))
-        found = {}
+        by_period = {}
         for at, period in zip(self.at_um, self.period_um, strict=True):
             near = abs(radius_um - at) <= period / 2
             if near.sum() >= _FEWEST_POINTS:
-                found[float(period)] = amplitude(
+                by_period[float(period)] = amplitude(
                     radius_um[near] - at, wave_um[near], slope[near] * period / (2 * np.pi), heights_um[near]
                 )
-        return found
+        return by_period
 
 
 def amplitude(away_um: np.ndarray, wave_um: np.ndarray, quadrature_um: np.ndarray, heights_um: np.ndarray) -> float:
@@ -161,8 +161,8 @@ def amplitude(away_um: np.ndarray, wave_um: np.ndarray, quadrature_um: np.ndarra
     """
     wave = wave_um - wave_um.mean()
     columns = np.stack([np.ones_like(away_um), away_um, wave, away_um * wave, quadrature_um], axis=1)
-    found = np.linalg.lstsq(columns, heights_um)[0]
-    return float(np.hypot(found[2], found[4]))
+    coefficients = np.linalg.lstsq(columns, heights_um)[0]
+    return float(np.hypot(coefficients[2], coefficients[4]))
 
 
 def half_period(period_um: np.ndarray, values: np.ndarray) -> float | None:
@@ -186,11 +186,11 @@ def _extrema(radius_um: np.ndarray, height_um: np.ndarray) -> np.ndarray:
     """Return the radii at which a curve turns, each by the parabola through three points, µm."""
     rise = np.diff(height_um)
     turn = np.flatnonzero(rise[1:] * rise[:-1] < 0) + 1
-    found = []
+    radii = []
     for k in turn:
         a, b, _ = np.polyfit(radius_um[k - 1 : k + 2] - radius_um[k], height_um[k - 1 : k + 2], 2)
-        found.append(radius_um[k] - b / (2 * a))
-    return np.array(found)
+        radii.append(radius_um[k] - b / (2 * a))
+    return np.array(radii)
 
 
 def _joined(sides: list[dict[float, float]], axis: str) -> Transfer:
@@ -202,11 +202,11 @@ def _joined(sides: list[dict[float, float]], axis: str) -> Transfer:
         )
     common = [k for k, period in enumerate(first[0]) if min(abs(second[0] - period)) < 0.05 * period]
     period = first[0][common]
-    other = np.interp(period, *second)
-    values = (first[1][common] + other) / 2
+    opposite = np.interp(period, *second)
+    values = (first[1][common] + opposite) / 2
     return Transfer(
         tuple(period.tolist()),
         tuple(values.tolist()),
-        tuple((abs(first[1][common] - other) / 2).tolist()),
+        tuple((abs(first[1][common] - opposite) / 2).tolist()),
         half_period(period, values),
     )

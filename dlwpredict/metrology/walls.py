@@ -34,10 +34,10 @@ def near_walls(part: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
         jump = np.nan_to_num(np.diff(heights, axis=axis))
         window = [5 if a == axis else 1 for a in (0, 1)]
         excess = np.abs(jump - ndimage.median_filter(jump, size=window, mode="nearest"))
-        found = excess > max(JUMP_UM, JUMP_SLOPE * pitch)
+        steep = excess > max(JUMP_UM, JUMP_SLOPE * pitch)
         before, after = (tuple(s if a == axis else slice(None) for a in (0, 1)) for s in (slice(-1), slice(1, None)))
-        walls[before] |= found
-        walls[after] |= found
+        walls[before] |= steep
+        walls[after] |= steep
     if wall_px > 1:
         walls = ndimage.binary_dilation(walls, iterations=wall_px - 1)
     return walls[3:-3, 3:-3] & (wall_px > 0)
@@ -53,7 +53,7 @@ def near_walls_or_rim(part: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
     >>> near_walls_or_rim(HeightMap(np.zeros((4, 5)), 1, 1), 1).astype(int).tolist()
     [[1, 1, 1, 1, 1], [1, 0, 0, 0, 1], [1, 0, 0, 0, 1], [1, 1, 1, 1, 1]]
     """
-    found = near_walls(part, wall_px)
+    near = near_walls(part, wall_px)
     if wall_px:
-        found[:wall_px] = found[-wall_px:] = found[:, :wall_px] = found[:, -wall_px:] = True
-    return found
+        near[:wall_px] = near[-wall_px:] = near[:, :wall_px] = near[:, -wall_px:] = True
+    return near

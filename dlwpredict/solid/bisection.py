@@ -37,9 +37,9 @@ def triangles(heights_um: np.ndarray, keep: np.ndarray, tolerance_um: float) -> 
     outside = (0, n + 1 - rows), (0, n + 1 - cols)
     kept = np.pad(keep[1:-1, 1:-1], 1, constant_values=True)
     needed = _needed(np.pad(heights_um, outside), np.pad(kept, outside, constant_values=True))
-    found = _cut(needed > tolerance_um, n)
-    inside = (found.max(axis=1) < (rows, cols)).all(axis=1)
-    return found[inside]
+    corners = _cut(needed > tolerance_um, n)
+    inside = (corners.max(axis=1) < (rows, cols)).all(axis=1)
+    return corners[inside]
 
 
 def _needed(z: np.ndarray, keep: np.ndarray) -> np.ndarray:

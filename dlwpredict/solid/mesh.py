@@ -86,10 +86,10 @@ def solid_of(
     return Solid(vertices, faces, int((lift > 0).sum()), float(lift.max()))
 
 
-def largest_distance_um(one: Solid, other: Solid, height_map: HeightMap) -> float:
+def largest_distance_um(first: Solid, second: Solid, height_map: HeightMap) -> float:
     """Return how far apart two solids of one height map are at most, seen from above at its pixels, µm."""
     pitch = height_map.dx_um, height_map.dy_um
-    seen, against = (seen_from_above(solid.vertices_um[solid.faces], *pitch) for solid in (one, other))
+    seen, against = (seen_from_above(solid.vertices_um[solid.faces], *pitch) for solid in (first, second))
     return float(np.abs(seen - against).max())
 
 

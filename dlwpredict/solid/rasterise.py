@@ -44,8 +44,8 @@ def seen_from_above(triangles_um: np.ndarray, dx_um: float, dy_um: float) -> np.
     first = np.ceil(flat.min(axis=(0, 1)) - _SLACK_PX)
     extent = np.maximum(np.floor(flat.max(axis=(0, 1)) + _SLACK_PX) - first + 1, 0)
     if extent.prod() > _MOST_PIXELS:
-        found = f"{extent[0]:.6g} x {extent[1]:.6g} pixels"
-        raise InputError(found, key="--pitch-um", allowed=f"allowed: up to {_MOST_PIXELS} pixels")
+        size = f"{extent[0]:.6g} x {extent[1]:.6g} pixels"
+        raise InputError(size, key="--pitch-um", allowed=f"allowed: up to {_MOST_PIXELS} pixels")
     cols, rows = (int(n) for n in extent)
     heights = np.zeros((rows, cols))
     area = _cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])  # twice the area, px²
