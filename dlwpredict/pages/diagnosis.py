@@ -105,21 +105,21 @@ def parameter_rows(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[
 
 
 def _flat(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    found: dict[Any, Any] = {}
+    flat: dict[Any, Any] = {}
     for name, value in parameters.items():
         if isinstance(value, Mapping):
             if not {"value", "low", "high"} <= value.keys():
-                found |= _flat(value, f"{prefix}{name}.")
+                flat |= _flat(value, f"{prefix}{name}.")
             else:
-                found[prefix + name] = words.estimate(value)
+                flat[prefix + name] = words.estimate(value)
         elif name == "effects":
             for effect in value:
-                own = {key: entry for key, entry in effect.items() if key != "name"}
-                found |= _flat(own, f"{effect['name']}.") or {effect["name"]: "on"}
+                settings = {key: entry for key, entry in effect.items() if key != "name"}
+                flat |= _flat(settings, f"{effect['name']}.") or {effect["name"]: "on"}
         elif name != "format":
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            found[prefix + name] = words.significant(value) if number else str(value)
-    return found
+            flat[prefix + name] = words.significant(value) if number else str(value)
+    return flat
 
 
 def _pair(index: int, pair: PairMaps, content: dict, pairs: int) -> dict[str, Any]:

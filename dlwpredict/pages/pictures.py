@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,13 +22,13 @@ from dlwpredict.plots.panels import (
     REFERENCE_LINE,
     TEST_LINE,
     THIRD_LINE,
+    Style,
     difference_limit,
     show_difference,
     show_map,
 )
 
 BASELINE_LINE = THIRD_LINE
-STYLE = {"font.size": 8.0, "axes.linewidth": 0.6, "svg.fonttype": "path"}
 MAP_INCHES, PROFILE_INCHES = (3.1, 2.44), (4.7, 3.5)
 
 MOST_PIXELS = 360_000
@@ -89,6 +90,11 @@ class Picture:
     text: str
 
 
+def page_style() -> AbstractContextManager[None]:
+    """Set matplotlib up for pictures on a page."""
+    return matplotlib.rc_context({"font.size": 8.0, "axes.linewidth": 0.6, "svg.fonttype": "path"})
+
+
 def pictures(
     pair: PairMaps, locations: Sequence[Mapping[str, Any]], *, noise_um: float, pixels: int, named: bool
 ) -> tuple[list[Picture], list[Picture]]:
@@ -105,7 +111,7 @@ def pictures(
     named : bool
         Whether an effect was named.
     """
-    with matplotlib.rc_context(STYLE):
+    with page_style():
         return _maps(pair, locations, pixels, named), _profiles(pair, noise_um, named)
 
 
@@ -119,22 +125,22 @@ def _maps(pair: PairMaps, locations: Sequence[Mapping[str, Any]], pixels: int, n
             ("Explained", "what the named effects add", np.where(unknown, np.nan, pair.explained_um)),
             ("Remainder", "recording − extended prediction", pair.remainder_um),
         ]
-    found = []
+    shown = []
     for title, text, values in differences:
         figure, axes = map_axes()
         show_difference(axes, coarser(pair.target, values, pixels), limit_um=limit)
         if title == "Residual":
             _cross(axes, pair)
-        found.append(Picture(uri(figure), title, text))
+        shown.append(Picture(uri(figure), title, text))
     figure, axes = map_axes()
     certain = coarser(pair.target, np.where(unknown, np.nan, pair.mismatch), pixels)
     show_map(axes, certain, limits_um=(0, 1), colours=CERTAINTY_COLOURS, label="mismatch")
     _frames(axes, locations)
-    found.insert(
+    shown.insert(
         1,
         Picture(uri(figure), "Mismatch", "0: within noise; 1: surely beyond it"),
     )
-    return found
+    return shown
 
 
 def _profiles(pair: PairMaps, noise_um: float, named: bool) -> list[Picture]:
@@ -196,7 +202,7 @@ def uri(figure: Figure) -> str:
 def _cross(axes: Axes, pair: PairMaps) -> None:
     """Mark row and column of the worst place."""
     row, col = worst_place(pair.residual_um)
-    line = {"color": "0.15", "lw": 0.7, "ls": (0, (5, 4)), "alpha": 0.8}
+    line: Style = {"color": "0.15", "lw": 0.7, "ls": (0, (5, 4)), "alpha": 0.8}
     axes.axhline(pair.target.y_um[row], **line)
     axes.axvline(pair.target.x_um[col], **line)
 

@@ -107,16 +107,16 @@ def read_record(path: Path) -> tuple[str, Any]:
         return "", None
     if not isinstance(content, dict):
         return "", None
-    found = _FORMATS.get(str(content.get("format")), "")
-    if not found and "format" not in content:
-        found = next((kind for kind, key in _KEYS.items() if key in content), "")
-    if found:
+    kind = _FORMATS.get(str(content.get("format")), "")
+    if not kind and "format" not in content:
+        kind = next((name for name, key in _KEYS.items() if key in content), "")
+    if kind:
         with blaming(path):
-            require(content, NEEDS[found])
-            if found == "diagnosis":
+            require(content, NEEDS[kind])
+            if kind == "diagnosis":
                 _check_verdict(content)
-            content = parameters_from(content) if found == "parameters" else content
-    return found, content
+            content = parameters_from(content) if kind == "parameters" else content
+    return kind, content
 
 
 def _check_verdict(content: dict) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -74,7 +75,7 @@ def write_report(path: Path, run: Run) -> None:
 
 def page(run: Run) -> str:
     """Return the page of a run."""
-    maps = sum(1 + sum(2 * len(one.maps) for one in structure.prints) for structure in run.structures)
+    maps = sum(1 + sum(2 * len(printed.maps) for printed in structure.prints) for structure in run.structures)
     pixels = min(LARGEST_MAP, MOST_PIXELS // max(maps, 1))
     rows = [row for structure in run.structures for row in figures(structure)]
     script = (Path(__file__).parent / "relief.js").read_text(encoding="utf-8")
@@ -119,26 +120,26 @@ def title(run: Run) -> str:
 
 def figures(structure: Structure) -> list[Figures]:
     """Return the figures of a structure: its target, every print against it, every print against its prediction."""
-    target, found = structure.target, []
-    for one in structure.prints:
-        named = f" {one.name}".rstrip()
-        aligned = one.maps.get("aligned")
+    target, rows = structure.target, []
+    for printed in structure.prints:
+        named = f" {printed.name}".rstrip()
+        aligned = printed.maps.get("aligned")
         for role, name in (("aligned", f"print{named}"), ("reprinted", f"print of the corrected design{named}")):
-            if role in one.maps and target is not None:
-                found.append(_compared(structure.name, name, one.maps[role], "target", target, target))
-        if aligned is not None and "predicted" in one.maps:
-            name, predicted = f"predicted print{named}", one.maps["predicted"]
-            found.append(_compared(structure.name, f"print{named}", aligned, name, predicted, target or predicted))
-        if "score" in one.facts and (aligned is None or target is None):
-            stated = one.facts["score"]
+            if role in printed.maps and target is not None:
+                rows.append(_compared(structure.name, name, printed.maps[role], "target", target, target))
+        if aligned is not None and "predicted" in printed.maps:
+            name, predicted = f"predicted print{named}", printed.maps["predicted"]
+            rows.append(_compared(structure.name, f"print{named}", aligned, name, predicted, target or predicted))
+        if "score" in printed.facts and (aligned is None or target is None):
+            stated = printed.facts["score"]
             against, test = _compared_files(stated) or ("not stated", f"print{named}")
             away = stated.get("away_from_walls") or {}
-            found.append(Figures(structure.name, test, against, stated, away, "as stated"))
-    if found and target is not None:
+            rows.append(Figures(structure.name, test, against, stated, away, "as stated"))
+    if rows and target is not None:
         sizes = ("sa_um", "sq_um", "sz_um")
         alone = _compared(structure.name, "target", target, "", target, target).values
-        found.insert(0, Figures(structure.name, "target", "", {key: alone[key] for key in sizes if key in alone}))
-    return found
+        rows.insert(0, Figures(structure.name, "target", "", {key: alone[key] for key in sizes if key in alone}))
+    return rows
 
 
 def _compared_files(stated: dict[str, Any]) -> tuple[str, str] | None:
@@ -159,15 +160,15 @@ def _compared(
         return Figures(structure, name, against, {}, note="not on the same grid")
     stands = part.heights_um > 0 if (part.heights_um > 0).any() else np.ones(part.shape, dtype=bool)
     try:
-        found = score(reference, test, left_out=~stands)
+        scored = score(reference, test, left_out=~stands)
     except ResultError as error:
         return Figures(structure, name, against, {}, note=error.what)
     try:
         away = asdict(score(reference, test, left_out=~stands | near_walls_or_rim(part)))
     except ResultError:
         away = {}
-    note = RELATIVE if found.height_reference == RELATIVE else ""
-    return Figures(structure, name, against, asdict(found), away, note)
+    note = RELATIVE if scored.height_reference == RELATIVE else ""
+    return Figures(structure, name, against, asdict(scored), away, note)
 
 
 @dataclass(frozen=True)
@@ -182,13 +183,13 @@ class Lead:
 
 def leads(structures: tuple[Structure, ...], rows: list[Figures], pixels: int) -> list[Lead]:
     """Return the leads of structures that have a print, where they are not too many to lead."""
-    found = []
+    shown = []
     for structure in structures:
         ends = _ends(structure.name, rows)
         if structure.target and ends:
             sentence = summary(structure.name, rows)
-            found.append(Lead(structure.name, sentence, numbers(ends), lead(structure, pixels)))
-    return found if len(found) <= MOST_LEADS else []
+            shown.append(Lead(structure.name, sentence, numbers(ends), lead(structure, pixels)))
+    return shown if len(shown) <= MOST_LEADS else []
 
 
 def _ends(structure: str, rows: list[Figures]) -> list[Figures]:
@@ -199,7 +200,11 @@ def _ends(structure: str, rows: list[Figures]) -> list[Figures]:
 
 def _error_um(row: Figures, values: dict[str, float | None]) -> float:
     """Return the rms error, about its mean where heights are relative: their zero is nobody's."""
-    return float(values["rmse_offset_free_um" if row.note == RELATIVE else "rmse_um"])
+    return _number(values["rmse_offset_free_um" if row.note == RELATIVE else "rmse_um"])
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
 
 
 def numbers(ends: list[Figures]) -> list[tuple[str, str]]:
@@ -209,10 +214,10 @@ def numbers(ends: list[Figures]) -> list[tuple[str, str]]:
     """
     errors = [_error_um(row, row.away or row.values) for row in ends]
     named = zip(("print off target", "corrected print off target"), errors, strict=False)
-    found = [(name, words.length(error)) for name, error in named]
+    pairs = [(name, words.length(error)) for name, error in named]
     if len(errors) == 2 and errors[1] > 0:
-        found.append(("times closer", f"{errors[0] / errors[1]:.3g}"))
-    return found
+        pairs.append(("times closer", f"{errors[0] / errors[1]:.3g}"))
+    return pairs
 
 
 def summary(structure: str, rows: list[Figures]) -> str:
@@ -229,21 +234,21 @@ def summary(structure: str, rows: list[Figures]) -> str:
 
 def missing(run: Run) -> str:
     """Return what the diagnoses of a run have found, in a line; nothing where there is none."""
-    found = [
-        f"{' or '.join(map(str, one['effects']))} ({one['side']} side)"
-        for said in run.diagnoses.values()
-        for one in said.get("findings", [])
+    named = [
+        f"{' or '.join(map(str, finding['effects']))} ({finding['side']} side)"
+        for diagnosis in run.diagnoses.values()
+        for finding in diagnosis.get("findings", [])
     ]
-    return f"Missing in the model: {', '.join(dict.fromkeys(found))}." if found else ""
+    return f"Missing in the model: {', '.join(dict.fromkeys(named))}." if named else ""
 
 
 def summaries(structures: tuple[Structure, ...], rows: list[Figures]) -> list[str]:
     """Return one line for each structure, or one for all where there are many."""
-    found = [text for structure in structures if (text := summary(structure.name, rows))]
-    if len(found) <= MOST_LINES:
-        return found
+    lines = [text for structure in structures if (text := summary(structure.name, rows))]
+    if len(lines) <= MOST_LINES:
+        return lines
     last = {row.structure: row for row in rows if row.reference == "target" and row.values}
-    errors = [float((row.away or row.values)["rmse_um"]) for row in last.values()]
+    errors = [_number((row.away or row.values)["rmse_um"]) for row in last.values()]
     low, middle, high = (words.length(float(value)) for value in np.percentile(errors, (0, 50, 100)))
     where = AWAY if all(row.away for row in last.values()) else f"{AWAY} if possible"
     return [f"{len(last)} structures: rmse of the last print {where} {low} to {high}, median {middle}"]
@@ -265,44 +270,44 @@ def parameter_tables(files: dict[str, ParameterSet]) -> list[dict[str, Any]]:
 
 def parameter_words(parameters: ParameterSet) -> dict[str, str]:
     """Return every parameter of a set by its dotted name: value, 95 % interval where known, unit."""
-    found = {}
+    texts = {}
     owners = [("", parameters.paper), *((f"{effect.name}.", effect) for effect in parameters.effects)]
     for prefix, owner in owners:
         for name, (_, declared) in declarations(type(owner)).items():
             low, high = parameters.intervals.get(prefix + name, (None, None))
             value = {"value": getattr(owner, name), "low": low, "high": high, "unit": declared.unit}
-            found[prefix + name] = words.estimate(value)
+            texts[prefix + name] = words.estimate(value)
             if low is not None and not low <= value["value"] <= high:
-                found[prefix + name] = (
+                texts[prefix + name] = (
                     f"{words.significant(value['value'])}, outside its interval {low:.3g} to {high:.3g}"
                 )
-    found |= {f"writing.{name}": str(value) for name, value in asdict(parameters.writing).items()}
+    texts |= {f"writing.{name}": str(value) for name, value in asdict(parameters.writing).items()}
     if parameters.readings != Readings():
-        found |= {f"readings.{name}": str(value) for name, value in asdict(parameters.readings).items()}
-    return found
+        texts |= {f"readings.{name}": str(value) for name, value in asdict(parameters.readings).items()}
+    return texts
 
 
 def changed_inputs(run: Run) -> list[tuple[str, str]]:
     """Return (result, input) wherever an input within the run is no longer what the result was made from."""
     known = {entry.path: entry.sha256 for entry in run.entries}
-    found = []
+    changed = []
     for entry in run.entries:
         inputs = entry.provenance.get("inputs")
         for name, digest in inputs.items() if isinstance(inputs, dict) else ():
             beside = (Path(entry.path).parent / str(name)).as_posix()
             inside = [path for path in known if f"/{name}".endswith(f"/{run.name}/{path}") or path in (name, beside)]
             if inside and digest not in [known[path] for path in inside]:
-                found.append((entry.path, str(name)))
-    return found
+                changed.append((entry.path, str(name)))
+    return changed
 
 
 def commands(run: Run) -> list[tuple[str, list[str]]]:
     """Return every command that the files state, with the files that it made."""
-    found: dict[str, list[str]] = {}
+    made: dict[str, list[str]] = {}
     for entry in run.entries:
         if command := entry.provenance.get("command"):
-            found.setdefault(str(command), []).append(entry.path)
-    return list(found.items())
+            made.setdefault(str(command), []).append(entry.path)
+    return list(made.items())
 
 
 def _shown(structure: Structure, pixels: int) -> dict[str, Any]:
@@ -311,20 +316,20 @@ def _shown(structure: Structure, pixels: int) -> dict[str, Any]:
 
 
 def _reliefs(structures: tuple[Structure, ...]) -> list[dict[str, Any]]:
-    found = [(one, surface) for one in structures for surface in surfaces(one)]
-    points = min(LARGEST_RELIEF, MOST_POINTS // max(len(found), 1))
-    shared = {one.name: ranges(one) for one in structures}
+    shown = [(structure, surface) for structure in structures for surface in surfaces(structure)]
+    points = min(LARGEST_RELIEF, MOST_POINTS // max(len(shown), 1))
+    shared = {structure.name: ranges(structure) for structure in structures}
     return [
-        relief(one.name, surface.name, surface.height_map, surface.limits(shared[one.name]), points)
-        for one, surface in found
+        relief(structure.name, surface.name, surface.height_map, surface.limits(shared[structure.name]), points)
+        for structure, surface in shown
     ]
 
 
 def _facts(run: Run, kind: str) -> list[tuple[str, dict]]:
     """Return the figures of one kind, with the name of structure and print."""
     return [
-        (f"{structure.name} {one.name}".strip(), one.facts[kind])
+        (f"{structure.name} {printed.name}".strip(), printed.facts[kind])
         for structure in run.structures
-        for one in structure.prints
-        if kind in one.facts
+        for printed in structure.prints
+        if kind in printed.facts
     ]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.pages.pictures import PROFILE_INCHES, STYLE, Picture, coarser, map_axes, uri
+from dlwpredict.pages.pictures import PROFILE_INCHES, Picture, coarser, map_axes, page_style, uri
 from dlwpredict.pages.run_folder import DESIGNS, Print, Structure
 from dlwpredict.plots.panels import (
     LINES,
@@ -59,25 +58,25 @@ class Surface:
 
 def surfaces(structure: Structure) -> list[Surface]:
     """Return every map whose heights count from the same zero, the target first; a design equal to it is left out."""
-    found = [Surface("target", "target", structure.target)] if structure.target else []
-    for one in structure.prints:
+    shown = [Surface("target", "target", structure.target)] if structure.target else []
+    for printed in structure.prints:
         for role, name in SURFACES.items():
-            height_map = one.maps.get(role)
+            height_map = printed.maps.get(role)
             if height_map and not (role == "written" and _equal(height_map, structure.target)):
-                found.append(Surface(f"{name} {one.name}".strip(), role, height_map))
-    return found
+                shown.append(Surface(f"{name} {printed.name}".strip(), role, height_map))
+    return shown
 
 
 def ranges(structure: Structure) -> Ranges:
     """Return the colour ranges that all prints of a structure share."""
-    target, found = structure.target, surfaces(structure)
-    maps = [one.height_map for one in found if one.role not in DESIGNS] or [one.height_map for one in found]
-    widths = [
-        one.size_um[0] for one in (*maps, *(p.maps["recording"] for p in structure.prints if "recording" in p.maps))
-    ]
-    pairs = [(one.maps.get(role), target) for one in structure.prints for role in ("aligned", "reprinted")]
-    errors = _differences(pairs, target)
-    surprises = _differences([(one.maps.get("aligned"), one.maps.get("predicted")) for one in structure.prints], target)
+    target, shown = structure.target, surfaces(structure)
+    maps = [surface.height_map for surface in shown if surface.role not in DESIGNS]
+    maps = maps or [surface.height_map for surface in shown]
+    recordings = [printed.maps["recording"] for printed in structure.prints if "recording" in printed.maps]
+    widths = [height_map.size_um[0] for height_map in (*maps, *recordings)]
+    prints = [printed.maps for printed in structure.prints]
+    errors = _differences([(known.get(role), target) for known in prints for role in ("aligned", "reprinted")], target)
+    surprises = _differences([(known.get("aligned"), known.get("predicted")) for known in prints], target)
     return Ranges(
         height_limits(*maps) if maps else (0.0, 1.0),
         difference_limit(*errors),
@@ -96,11 +95,11 @@ def pictures(structure: Structure, pixels: int) -> tuple[list[tuple[str, list[Pi
         A map with more is drawn on coarser pixels.
     """
     shared = ranges(structure)
-    with matplotlib.rc_context(STYLE):
-        groups = [(one.name, _maps(one, structure.target, shared, pixels)) for one in structure.prints]
+    with page_style():
+        groups = [(printed.name, _maps(printed, structure.target, shared, pixels)) for printed in structure.prints]
         if structure.target:
             first = _map(structure.target, "Target", "what the print shall be", shared.heights, shared.bar, pixels)
-            groups = [(name, [first, *found] if k == 0 else found) for k, (name, found) in enumerate(groups)] or [
+            groups = [(name, [first, *maps] if k == 0 else maps) for k, (name, maps) in enumerate(groups)] or [
                 ("", [first])
             ]
         return groups, _profiles(structure, shared)
@@ -112,26 +111,27 @@ def lead(structure: Structure, pixels: int) -> list[Picture]:
     The last is that of a corrected design, or of a later generation; the corrected design stands there until it is
     printed.
     """
-    shared, target, prints = ranges(structure), structure.target, structure.prints
-    shown = [("Target", "what the print shall be", target)]
-    shown += [("Print", "as it came out first", one.maps["aligned"]) for one in prints if "aligned" in one.maps][:1]
-    again = [one.maps["reprinted"] for one in prints if "reprinted" in one.maps]
-    later = [one.maps["aligned"] for one in prints if "aligned" in one.maps][1:]
-    planned = [one.maps["corrected"] for one in prints if "corrected" in one.maps]
-    if again or later:
-        shown.append(("Corrected print", "printed again from the corrected design", (again or later)[-1]))
+    shared, prints = ranges(structure), structure.prints
+    aligned, again, planned = (
+        [printed.maps[role] for printed in prints if role in printed.maps]
+        for role in ("aligned", "reprinted", "corrected")
+    )
+    shown = [("Target", "what the print shall be", structure.target)] if structure.target else []
+    shown += [("Print", "as it came out first", first) for first in aligned[:1]]
+    if again or aligned[1:]:
+        shown.append(("Corrected print", "printed again from the corrected design", (again or aligned)[-1]))
     elif planned:
         shown.append(("Corrected design", "to be printed next", planned[-1]))
-    with matplotlib.rc_context(STYLE):
-        return [_map(one, title, text, shared.heights, shared.bar, pixels) for title, text, one in shown if one]
+    with page_style():
+        return [_map(height_map, title, text, shared.heights, shared.bar, pixels) for title, text, height_map in shown]
 
 
-def _maps(one: Print, target: HeightMap | None, shared: Ranges, pixels: int) -> list[Picture]:
+def _maps(printed: Print, target: HeightMap | None, shared: Ranges, pixels: int) -> list[Picture]:
     """Return the maps of one print, in the order in which they come about."""
-    maps, found = one.maps, []
+    maps, shown = printed.maps, []
     if "recording" in maps:
         raw = maps["recording"]
-        found.append(
+        shown.append(
             _map(raw, "Recording", "as the microscope gave it; own colours", height_limits(raw), shared.bar, pixels)
         )
     for role, title, text in (
@@ -144,20 +144,20 @@ def _maps(one: Print, target: HeightMap | None, shared: Ranges, pixels: int) -> 
         if role not in maps or (role == "written" and _equal(maps[role], target)):
             continue
         limits = Surface(title, role, maps[role]).limits(shared)
-        found.append(_map(maps[role], title, text, limits, shared.bar, pixels))
+        shown.append(_map(maps[role], title, text, limits, shared.bar, pixels))
         if role == "reprinted" and "unreachable" in maps:
             within = reachable(maps[role], maps["unreachable"])
             title = "Print − target; grey: out of reach"
-            found += _difference(within, target, title, shared.error, shared.bar, pixels)
+            shown += _difference(within, target, title, shared.error, shared.bar, pixels)
         elif role in ("aligned", "reprinted"):
-            found += _difference(maps[role], target, "Print − target", shared.error, shared.bar, pixels)
+            shown += _difference(maps[role], target, "Print − target", shared.error, shared.bar, pixels)
         elif role == "corrected" and "unreachable" in maps:
-            found += _missing(maps["unreachable"], shared.error, shared.bar, pixels)
+            shown += _missing(maps["unreachable"], shared.error, shared.bar, pixels)
         if role == "predicted":
-            found += _difference(
+            shown += _difference(
                 maps.get("aligned"), maps[role], "Print − prediction", shared.surprise, shared.bar, pixels
             )
-    return found
+    return shown
 
 
 def reachable(height_map: HeightMap, unreachable: HeightMap) -> HeightMap:
@@ -186,8 +186,7 @@ def _difference(
     test: HeightMap | None, reference: HeightMap | None, title: str, limit: float, bar: float, pixels: int
 ) -> list[Picture]:
     """Return the map of test − reference; none where one is missing or on another grid."""
-    values = difference(test, reference)
-    if values is None:
+    if test is None or reference is None or (values := difference(test, reference)) is None:
         return []
     figure, axes = map_axes()
     show_difference(axes, coarser(reference, values, pixels), limit_um=limit, bar_um=bar)
@@ -206,8 +205,14 @@ def difference(test: HeightMap | None, reference: HeightMap | None) -> np.ndarra
 
 def _differences(pairs: list[tuple[HeightMap | None, HeightMap | None]], target: HeightMap | None) -> list[np.ndarray]:
     """Return the differences by which a colour range is chosen: away from walls; something in any case."""
-    found = [(values, reference) for test, reference in pairs if (values := difference(test, reference)) is not None]
-    away = [np.where(inside(target if target and target.same_grid(on) else on), values, np.nan) for values, on in found]
+    compared = [
+        (values, reference)
+        for test, reference in pairs
+        if reference is not None and (values := difference(test, reference)) is not None
+    ]
+    away = [
+        np.where(inside(target if target and target.same_grid(on) else on), values, np.nan) for values, on in compared
+    ]
     return away or [np.zeros(1)]
 
 
@@ -217,29 +222,31 @@ def _profiles(structure: Structure, shared: Ranges) -> list[Picture]:
     Heights reach over the colours of all maps shown, the designs' own included.
     """
     maps = surfaces(structure)
-    prints = [one for one in maps if one.role in ("aligned", "reprinted")]
-    target = [one for one in maps if one.role == "target"]
-    rest = [one for one in maps if one not in prints and one not in target]
-    chosen = (target + prints[:1] + prints[1:][-2:] + rest)[: len(LINES)]
-    chosen = [one for one in chosen if one.height_map.same_grid(chosen[0].height_map)]
+    prints = [surface for surface in maps if surface.role in ("aligned", "reprinted")]
+    target = [surface for surface in maps if surface.role == "target"]
+    further = [surface for surface in maps if surface not in prints and surface not in target]
+    chosen = (target + prints[:1] + prints[1:][-2:] + further)[: len(LINES)]
+    chosen = [surface for surface in chosen if surface.height_map.same_grid(chosen[0].height_map)]
     if not chosen:
         return []
-    names, lines = [one.name for one in chosen], [one.height_map for one in chosen]
-    found, limits = [], [one.limits(shared) for one in chosen]
-    low, high = min(one[0] for one in limits), max(one[1] for one in limits)
+    names, lines = [surface.name for surface in chosen], [surface.height_map for surface in chosen]
+    profiles, limits = [], [surface.limits(shared) for surface in chosen]
+    low, high = min(low for low, _ in limits), max(high for _, high in limits)
     for axis in "xy":
         figure = Figure(figsize=(PROFILE_INCHES[0], 2.5), layout="constrained")
         axes = figure.subplots()
         show_profiles(axes, lines, axis=axis, names=names)
         axes.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
         axes.legend(frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0, fontsize=7)
-        found.append(
+        profiles.append(
             Picture(uri(figure), f"Profile along {axis} through the centre", "over the colour range of the maps")
         )
-    return found
+    return profiles
 
 
-def _equal(one: HeightMap, other: HeightMap | None) -> bool:
+def _equal(first: HeightMap, second: HeightMap | None) -> bool:
     return (
-        other is not None and one.same_grid(other) and np.array_equal(one.heights_um, other.heights_um, equal_nan=True)
+        second is not None
+        and first.same_grid(second)
+        and np.array_equal(first.heights_um, second.heights_um, equal_nan=True)
     )

@@ -8,6 +8,8 @@ from typing import Any
 
 from dlwpredict.errors import InputError
 
+_STEP = re.compile(r"(\w+)(\??)((?:\[\]|\{\})*)")
+
 NUMBER, TEXT, FLAG, LIST, MAPPING, RANGE = "a number", "text", "true or false", "a list", "a mapping", "two numbers"
 
 
@@ -42,8 +44,10 @@ def require(content: Any, needs: Mapping[str, str]) -> None:
 
 def _values(content: Any, path: str, at: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every value under a path, with its key."""
-    step, _, rest = path.partition(".")
-    name, optional, every = re.fullmatch(r"(\w+)(\??)((?:\[\]|\{\})*)", step).groups()
+    step, _, deeper = path.partition(".")
+    if not (match := _STEP.fullmatch(step)):
+        raise ValueError(f"{step!r} is no step of a path of keys")
+    name, optional, every = match.groups()
     key = f"{at}.{name}" if at else name
     if not isinstance(content, Mapping):
         raise InputError(f"found {_short(content)}", key=at or "file", allowed=f"allowed: {MAPPING}")
@@ -53,18 +57,18 @@ def _values(content: Any, path: str, at: str = "") -> Iterator[tuple[str, Any]]:
         raise InputError("missing", key=key)
     values = [(key, content[name])]
     for kind in re.findall(r"\[\]|\{\}", every):
-        values = [entry for one in values for entry in _entries(*one, list if kind == "[]" else Mapping)]
+        values = [entry for key, value in values for entry in _entries(key, value, kind)]
     for key, value in values:
-        yield from _values(value, rest, key) if rest else [(key, value)]
+        yield from _values(value, deeper, key) if deeper else [(key, value)]
 
 
-def _entries(key: str, value: Any, kind: type) -> list[tuple[str, Any]]:
-    """Return the entries of a list or mapping, with their keys."""
-    if not isinstance(value, kind):
-        raise InputError(f"found {_short(value)}", key=key, allowed=f"allowed: {LIST if kind is list else MAPPING}")
-    if kind is list:
+def _entries(key: str, value: Any, kind: str) -> list[tuple[str, Any]]:
+    """Return the entries of a list, ``[]``, or of a mapping, ``{}``, with their keys."""
+    if kind == "[]" and isinstance(value, list):
         return [(f"{key}[{k}]", entry) for k, entry in enumerate(value)]
-    return [(f"{key}.{name}", entry) for name, entry in value.items()]
+    if kind == "{}" and isinstance(value, Mapping):
+        return [(f"{key}.{name}", entry) for name, entry in value.items()]
+    raise InputError(f"found {_short(value)}", key=key, allowed=f"allowed: {LIST if kind == '[]' else MAPPING}")
 
 
 def _is(value: Any, kind: str) -> bool:
@@ -75,7 +79,7 @@ def _is(value: Any, kind: str) -> bool:
         FLAG: isinstance(value, bool),
         LIST: isinstance(value, list),
         MAPPING: isinstance(value, Mapping),
-        RANGE: isinstance(value, list) and len(value) == 2 and all(_is(one, NUMBER) for one in value),
+        RANGE: isinstance(value, list) and len(value) == 2 and all(_is(end, NUMBER) for end in value),
     }[kind]
 
 

@@ -131,11 +131,12 @@ def read_run(folder: Path, leave_out: tuple[Path, ...] = ()) -> Run:
     InputError
         No folder, too many files, or nothing in it that a report shows; its first damaged file, if it has one.
     """
-    files = [path for path in _files(folder) if path.resolve() not in {one.resolve() for one in leave_out}]
+    files = [path for path in _files(folder) if path.resolve() not in {left.resolve() for left in leave_out}]
     maps: dict[_Place, dict[str, HeightMap]] = {}
     facts: dict[_Place, dict[str, dict]] = {}
     records: dict[str, dict[str, Any]] = {kind: {} for kind in ("parameters", "calibration", "diagnosis")}
     entries, others, damaged = [], [], []
+    content: Any  # a height map, a parameter set or a mapping, by its kind
     for path in files:
         name, part_role = path.relative_to(folder).as_posix(), _named(path)
         try:
@@ -160,7 +161,7 @@ def read_run(folder: Path, leave_out: tuple[Path, ...] = ()) -> Run:
     if not entries and damaged:
         raise damaged[0]
     if not entries:
-        allowed = f"allowed: {', '.join(f'{one}.tif' for one in MAPS)}, parameter files, figures"
+        allowed = f"allowed: {', '.join(f'{role}.tif' for role in MAPS)}, parameter files, figures"
         raise InputError("holds nothing that a report shows", where=folder, key="run", allowed=allowed)
     return Run(
         folder.resolve().name,
@@ -182,7 +183,7 @@ def _once(records: dict[str, dict]) -> dict[str, dict]:
         return stated.get("command") if isinstance(stated, dict) else None
 
     told = {command(name) for name in records if not name.endswith(".json")} - {None}
-    return {name: one for name, one in records.items() if not name.endswith(".json") or command(name) not in told}
+    return {name: record for name, record in records.items() if not name.endswith(".json") or command(name) not in told}
 
 
 def _files(folder: Path) -> list[Path]:
@@ -190,18 +191,18 @@ def _files(folder: Path) -> list[Path]:
     if not folder.is_dir():
         what = "is a file" if folder.is_file() else "no such folder"
         raise InputError(what, where=folder, key="run", allowed="give the folder of a run")
-    found: list[Path] = []
+    paths: list[Path] = []
 
     def refuse(error: OSError) -> None:
         raise InputError(f"cannot read ({error.strerror})", where=error.filename, key="run") from None
 
     for root, folders, files in os.walk(folder, onerror=refuse):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [Path(root) / name for name in files if not name.startswith(".")]
-        if len(found) > MOST_FILES:
+        paths += [Path(root) / name for name in files if not name.startswith(".")]
+        if len(paths) > MOST_FILES:
             allowed = f"allowed: at most {MOST_FILES} files; give the folder of one run"
-            raise InputError(f"holds {len(found)} files and more", where=folder, key="run", allowed=allowed)
-    return sorted(found, key=lambda path: [_counted(part) for part in path.parts])
+            raise InputError(f"holds {len(paths)} files and more", where=folder, key="run", allowed=allowed)
+    return sorted(paths, key=lambda path: [_counted(part) for part in path.parts])
 
 
 def _counted(text: str) -> list[tuple[int, int, str]]:
@@ -233,11 +234,11 @@ def _structures(maps: dict[_Place, dict], facts: dict[_Place, dict], run: str) -
     """Return the parts: every place that holds maps or figures, generations and notes put under their part."""
     prints: dict[_Place, list[Print]] = {}
     for place in dict.fromkeys((*maps, *facts)):
-        own = dict(maps.get(place, {}))
-        own.pop("target", None)
-        if own or place in facts:
+        print_maps = dict(maps.get(place, {}))
+        print_maps.pop("target", None)
+        if print_maps or place in facts:
             home, name = _home(place, maps)
-            prints.setdefault(home, []).append(Print(name, own, facts.get(place, {})))
+            prints.setdefault(home, []).append(Print(name, print_maps, facts.get(place, {})))
     homes = dict.fromkeys(list(prints) + [place for place in maps if "target" in maps[place]])
     return tuple(
         Structure(_title(home, run), maps.get(home, {}).get("target"), tuple(prints.get(home, ()))) for home in homes
@@ -251,8 +252,12 @@ def unmatched(structures: tuple[Structure, ...]) -> str:
     >>> unmatched((Structure("fov", grid, ()), Structure("afm", None, (Print("", {"aligned": grid}, {}),))))
     'fov has a target and no print, afm a print and no target: if they are one part, let their names start alike'
     """
-    bare = [one.name for one in structures if one.target is not None and not one.prints]
-    lost = [one.name for one in structures if one.target is None and any("aligned" in p.maps for p in one.prints)]
+    bare = [structure.name for structure in structures if structure.target is not None and not structure.prints]
+    lost = [
+        structure.name
+        for structure in structures
+        if structure.target is None and any("aligned" in p.maps for p in structure.prints)
+    ]
     if not (bare and lost):
         return ""
     both = f"{', '.join(bare)} has a target and no print, {', '.join(lost)} a print and no target"

@@ -29,8 +29,6 @@ def template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    for says in _FILTERS:
-        environment.filters[says.__name__] = says
-    for says in _FUNCTIONS:
-        environment.globals[says.__name__] = says
+    environment.filters.update({says.__name__: says for says in _FILTERS})
+    environment.globals.update({says.__name__: says for says in _FUNCTIONS})
     return environment.get_template(name)

@@ -33,10 +33,10 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     for place in content["locations"][:MOST_PLACES]:
         share = words.percent(place["share"])
         said += _wrapped(f"where: {share} in {words.recording(content, place['pair'])}, {place['where']}", most=1)
-    rest = content["remainder"]
-    state = "unexplained structure" if rest["significant"] else "no more than noise"
-    size = f"{words.length(rest['rms_um'])}, {_p(rest['p_value'])}"
-    said += _wrapped(f"remainder: {state} ({size}). {rest['description'] or ''}", most=2)
+    remainder = content["remainder"]
+    state = "unexplained structure" if remainder["significant"] else "no more than noise"
+    size = f"{words.length(remainder['rms_um'])}, {_p(remainder['p_value'])}"
+    said += _wrapped(f"remainder: {state} ({size}). {remainder['description'] or ''}", most=2)
     said += _progress(content)
     return said + _listed("not testable: ", content["not_testable"], most=1 if "complete" in content else 2)
 
@@ -68,14 +68,14 @@ def _p(value: float | None) -> str:
 def _finding(number: int, finding: Mapping[str, Any]) -> list[str]:
     """Return the lines of one finding; the first has room for more."""
     first, indent = number == 1, "   "
-    found = [
+    estimates = [
         f"{effect}.{name} {words.estimate(parameter)}"
         for effect, parameters in finding["parameters"].items()
         for name, parameter in parameters.items()
     ]
     head = f"{number}. {' or '.join(finding['effects'])} ({words.side(finding)}{_sureness(finding)})"
     said = _wrapped(head, most=2 if first and _sureness(finding) else 1)
-    said += _listed(indent, found, most=3 - len(said) if first else 1)
+    said += _listed(indent, estimates, most=3 - len(said) if first else 1)
     errors = [f"without it → with it: rmse {words.change(finding['rmse_um'])}"]
     if (outside := words.change(finding["holdout_rmse_um"])) != words.NONE:
         errors.append(f"left-out {outside}")

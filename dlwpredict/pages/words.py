@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypeGuard
 
 NONE = "–"
 """Stands where there is no number."""
@@ -48,9 +48,9 @@ def recording(content: Mapping[str, Any], pair: int) -> str:
     names = content.get("recordings")
     if not (isinstance(names, list) and 0 <= pair < len(names)):
         return f"pair {pair}"
-    own = PurePath(str(names[pair])).name
-    alike = sum(PurePath(str(name)).name == own for name in names)
-    return own if alike == 1 else str(names[pair])
+    short = PurePath(str(names[pair])).name
+    alike = sum(PurePath(str(name)).name == short for name in names)
+    return short if alike == 1 else str(names[pair])
 
 
 def left_out(rmse_um: Mapping[str, float | None]) -> str:
@@ -61,8 +61,8 @@ def left_out(rmse_um: Mapping[str, float | None]) -> str:
     >>> left_out({"before": 0.084, "after": 0.0312})
     'on left-out data 84.0 nm → 31.2 nm'
     """
-    found = change(rmse_um)
-    return NO_HOLDOUT if found == NONE else f"on left-out data {found}"
+    errors = change(rmse_um)
+    return NO_HOLDOUT if errors == NONE else f"on left-out data {errors}"
 
 
 def length(value_um: float | None) -> str:
@@ -73,7 +73,7 @@ def length(value_um: float | None) -> str:
     >>> length(0.02134), length(1.5), length(None)
     ('21.3 nm', '1.50 µm', '–')
     """
-    if _absent(value_um):
+    if not _known(value_um):
         return NONE
     return f"{significant(1e3 * value_um)} nm" if abs(value_um) < 0.9995 else f"{significant(value_um)} µm"
 
@@ -86,7 +86,7 @@ def significant(value: float | None, digits: int = 3) -> str:
     >>> significant(0.1), significant(1234.5), significant(-2e-7), significant(0)
     ('0.100', '1234', '-2.00e-07', '0')
     """
-    if _absent(value):
+    if not _known(value):
         return NONE
     if value == 0:
         return "0"
@@ -106,7 +106,7 @@ def probability(value: float | None) -> str:
     >>> probability(0.0312), probability(1e-9)
     ('0.031', '<\xa00.0001')
     """
-    if _absent(value):
+    if not _known(value):
         return NONE
     return "<\xa00.0001" if value < 1e-4 else significant(value, 2)
 
@@ -119,7 +119,7 @@ def percent(share: float | None) -> str:
     >>> percent(0.614)
     '61 %'
     """
-    return NONE if _absent(share) else f"{100 * share:.0f} %"
+    return f"{100 * share:.0f} %" if _known(share) else NONE
 
 
 def chance(share: float | None) -> str:
@@ -130,7 +130,7 @@ def chance(share: float | None) -> str:
     >>> chance(0.614), chance(0.99996), chance(0.0002)
     ('61 %', '>\xa099.9 %', '<\xa00.1 %')
     """
-    if _absent(share):
+    if not _known(share):
         return NONE
     if not 0.001 <= share <= 0.999:
         return ">\xa099.9 %" if share > 0.5 else "<\xa00.1 %"
@@ -148,7 +148,7 @@ def sureness(finding: Mapping[str, Any]) -> str:
     >>> sureness({"side": "undecided", "probability": 0.98, "members": {"a": 0.7, "b": 0.3}, "side_probability": sides})
     'probability 98 %: a 70 %, b 30 %; print 70 %, measurement 30 %'
     """
-    if _absent(finding.get("probability")):
+    if not _known(finding.get("probability")):
         return ""
     said = f"probability {chance(finding['probability'])}"
     members = finding.get("members") or {}
@@ -156,7 +156,9 @@ def sureness(finding: Mapping[str, Any]) -> str:
         said += ": " + ", ".join(f"{name} {chance(share)}" for name, share in members.items())
     if finding["side"] == "undecided":
         either = finding.get("side_probability") or {}
-        said += "".join(f"{', ' if k else '; '}{one} {chance(share)}" for k, (one, share) in enumerate(either.items()))
+        said += "".join(
+            f"{', ' if k else '; '}{name} {chance(share)}" for k, (name, share) in enumerate(either.items())
+        )
     return said
 
 
@@ -170,7 +172,7 @@ def work(content: Mapping[str, Any]) -> str:
     """
     spent, pitches = content.get("work") or {}, content.get("working_pitch_um")
     said = []
-    if not _absent(spent.get("predictions")):
+    if _known(spent.get("predictions")):
         said.append(f"{spent['predictions']:.0f} predictions")
     if pitches:
         every = pitches if isinstance(pitches, list) else [pitches]
@@ -190,7 +192,7 @@ def estimate(parameter: Mapping[str, Any]) -> str:
     """
     value, low, high = (parameter.get(key) for key in ("value", "low", "high"))
     unit = "" if parameter.get("unit", "1") == "1" else f" {parameter['unit']}"
-    if _absent(low) or _absent(high) or not 0 < high - low < math.inf:
+    if not (_known(low) and _known(high) and 0 < high - low < math.inf):
         return significant(value) + unit
     places = max(0, 1 - math.floor(math.log10((high - low) / 2)))
     return f"{value:.{places}f} ({low:.{places}f} to {high:.{places}f}){unit}"
@@ -204,7 +206,7 @@ def change(rmse_um: Mapping[str, float | None] | None) -> str:
     >>> change({"before": 0.084, "after": 0.0312})
     '84.0 nm → 31.2 nm'
     """
-    if not rmse_um or all(_absent(rmse_um.get(key)) for key in ("before", "after")):
+    if not rmse_um or not any(_known(rmse_um.get(key)) for key in ("before", "after")):
         return NONE
     return f"{length(rmse_um.get('before'))} → {length(rmse_um.get('after'))}"
 
@@ -226,10 +228,10 @@ def separation(finding: Mapping[str, Any]) -> tuple[str, str]:
     ``separate_by`` is a text, a mapping with ``sentence`` (or ``statement``) and ``command``, or nothing; the command
     may also stand beside it as ``separate_command``.
     """
-    found = finding.get("separate_by") or ""
-    if not isinstance(found, Mapping):
-        found = {"sentence": str(found), "command": finding.get("separate_command")}
-    return found.get("sentence") or found.get("statement") or "", found.get("command") or ""
+    advice = finding.get("separate_by") or ""
+    if not isinstance(advice, Mapping):
+        advice = {"sentence": str(advice), "command": finding.get("separate_command")}
+    return advice.get("sentence") or advice.get("statement") or "", advice.get("command") or ""
 
 
 def sentence(content: Mapping[str, Any]) -> str:
@@ -248,5 +250,5 @@ def sentence(content: Mapping[str, Any]) -> str:
     return f"The model lacks {' and '.join(effects[0] for effects in named)}: {error}."
 
 
-def _absent(value: float | None) -> bool:
-    return value is None or math.isnan(value)
+def _known(value: float | None) -> TypeGuard[float]:
+    return value is not None and not math.isnan(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -15,10 +16,14 @@ from dlwpredict.heightmap import HeightMap
 
 HEIGHT_COLOURS, DIFFERENCE_COLOURS, CERTAINTY_COLOURS = "cividis", "RdBu_r", "Purples"
 NOT_MEASURED, BELOW = "0.8", "k"
-REFERENCE_LINE = {"color": "0.25", "lw": 1.6}
-TEST_LINE = {"color": "#D55E00", "lw": 1.1}  # vermilion of Okabe and Ito
-THIRD_LINE = {"color": "#0072B2", "lw": 1.1, "ls": (0, (4, 2))}  # their blue
-FOURTH_LINE = {"color": "#009E73", "lw": 1.1, "ls": (0, (1, 1))}  # their green
+
+Style = dict[str, Any]
+"""Keywords of matplotlib."""
+
+REFERENCE_LINE: Style = {"color": "0.25", "lw": 1.6}
+TEST_LINE: Style = {"color": "#D55E00", "lw": 1.1}  # vermilion of Okabe and Ito
+THIRD_LINE: Style = {"color": "#0072B2", "lw": 1.1, "ls": (0, (4, 2))}  # their blue
+FOURTH_LINE: Style = {"color": "#009E73", "lw": 1.1, "ls": (0, (1, 1))}  # their green
 LINES = (REFERENCE_LINE, TEST_LINE, THIRD_LINE, FOURTH_LINE)
 
 WALL = 0.3
@@ -63,18 +68,20 @@ def inside(height_map: HeightMap) -> np.ndarray:
 
 def height_limits(*maps: HeightMap) -> tuple[float, float]:
     """Return the colour range that shows the relief, µm: the central 99 % inside the part, the substrate if near."""
-    heights = np.concatenate([one.heights_um[inside(one)] for one in maps])
+    heights = np.concatenate([height_map.heights_um[inside(height_map)] for height_map in maps])
     if heights.size == 0:
         return 0.0, 1.0
     low, high = np.percentile(heights, (0.5, 99.5))
     if 0 < low < 0.5 * high or high - low < 0.05 * abs(high):
-        low = min(low, *(np.nanpercentile(one.heights_um, 0.5) for one in maps if inside(one).any()))
+        low = min(
+            low, *(np.nanpercentile(height_map.heights_um, 0.5) for height_map in maps if inside(height_map).any())
+        )
     return float(low), float(high if high > low else low + 1e-3)
 
 
 def difference_limit(*differences: np.ndarray) -> float:
     """Return the limit c of a colour range −c to c: the 98th percentile of the absolute values, µm."""
-    values = np.concatenate([abs(one[~np.isnan(one)]).ravel() for one in differences])
+    values = np.concatenate([abs(difference[~np.isnan(difference)]).ravel() for difference in differences])
     limit = float(np.percentile(values, 98)) if values.size else 0.0
     return limit or float(values.max(initial=0.0)) or 1e-3
 
@@ -133,7 +140,7 @@ def show_map(
 def show_scale_bar(axes: Axes, width_um: float, length_um: float) -> None:
     """Draw a bar of a length above the upper right corner of a map of a width, so that it hides nothing."""
     start, end = width_um / 2 - length_um, width_um / 2
-    place = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+    place: Style = {"transform": axes.get_xaxis_transform(), "clip_on": False}
     axes.plot((start, end), (1.045, 1.045), color="k", lw=2.2, solid_capstyle="butt", scalex=False, **place)
     size = 0.8 * matplotlib.rcParams["font.size"]
     axes.text(start, 1.045, f"{length_um:g} µm ", ha="right", va="center_baseline", fontsize=size, **place)
@@ -176,10 +183,10 @@ def show_profiles(axes: Axes, maps: Sequence[HeightMap], *, axis: str, names: Se
         The reference first.
     axis : {"x", "y"}
     """
-    for one, name, line in zip(maps, names, LINES, strict=False):
-        axes.plot(*profile(one, axis), label=name, **line)
+    for height_map, name, line in zip(maps, names, LINES, strict=False):
+        axes.plot(*profile(height_map, axis), label=name, **line)
     if len(maps) > 1:
-        (along, reference), (_, test) = (profile(one, axis) for one in maps[:2])
+        (along, reference), (_, test) = (profile(height_map, axis) for height_map in maps[:2])
         axes.fill_between(along, reference, test, color=TEST_LINE["color"], alpha=0.15, lw=0)
     axes.set(xlabel=f"{axis} / µm", ylabel="height / µm")
     axes.margins(x=0)

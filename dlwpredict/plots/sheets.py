@@ -10,6 +10,7 @@ from matplotlib.figure import Figure, SubFigure
 from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.plots.panels import (
     CERTAINTY_COLOURS,
+    Style,
     difference_limit,
     difference_um,
     height_limits,
@@ -74,8 +75,8 @@ def calibration(
     limit = difference_limit(*(row[-1] for row in rows))
     for panels, (_, *maps, residual) in zip(strips, rows, strict=True):
         limits = height_limits(*maps)
-        for axes, one, title in zip(panels, maps, ("target", "recording", "prediction"), strict=False):
-            show_map(axes, one, title=title, limits_um=limits)
+        for axes, height_map, title in zip(panels, maps, ("target", "recording", "prediction"), strict=False):
+            show_map(axes, height_map, title=title, limits_um=limits)
         show_difference(panels[3], maps[0].with_heights(residual), title="recording − prediction", limit_um=limit)
     return figure
 
@@ -127,15 +128,15 @@ def _sheet(
     above, below = _halves(columns)
     panels = above.subplots(1, columns, squeeze=False)[0]
     limits = height_limits(*shown)
-    for letter, axes, name, one in zip("abcd", panels, names, shown, strict=False):
-        show_map(axes, one, title=f"({letter}) {name}" if columns > 1 else name, limits_um=limits)
+    for letter, axes, name, height_map in zip("abcd", panels, names, shown, strict=False):
+        show_map(axes, height_map, title=f"({letter}) {name}" if columns > 1 else name, limits_um=limits)
     if len(maps) > 1:
         change = np.where(judged, difference_um(shown[1], shown[0]), np.nan)
         limit = difference_limit(np.where(inside(shown[0]), change, np.nan))
         title = f"({'abcd'[columns - 1]}) difference (b) − (a){where}"
         show_difference(panels[-1], shown[0].with_heights(change), title=title, limit_um=limit)
     for axes in panels:
-        cross = {
+        cross: Style = {
             "color": "0.4" if axes is panels[-1] and columns > 1 else "w",
             "lw": 0.6,
             "ls": (0, (6, 6)),
@@ -160,6 +161,8 @@ def _halves(columns: int) -> tuple[SubFigure, SubFigure]:
     width, height = PANEL_INCHES
     if columns == 1:
         figure = Figure(figsize=(2.6 * width, height + 0.4), layout="constrained")
-        return tuple(figure.subfigures(1, 2, width_ratios=(1, 1.35)))
+        left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1, 1.35))[0]
+        return left, right
     figure = Figure(figsize=(columns * width, height + 2.8), layout="constrained")
-    return tuple(figure.subfigures(2, 1, height_ratios=(height, 2.6)))
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, 2.6))[:, 0]
+    return above, below
