@@ -27,7 +27,7 @@ less than half, and what asks for more is a wall or an edge that no height mends
 AS_IT_COMES = Printable()
 
 LAST = 3
-"""Predictions by which the search is judged to have come to rest."""
+"""Predictions over which convergence of the search is judged."""
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def _whole(path: Path) -> Iterator[Path]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove temporary files of processes on this machine that are no more."""
+    """Remove temporary files of processes of this machine that have ended."""
     for entry in os.scandir(folder):
         match = _TEMPORARY.match(entry.name)
         if match and not _runs(int(match[1])):

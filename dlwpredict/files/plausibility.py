@@ -165,8 +165,8 @@ def plausibility_of_pitch(own_um: tuple[float, float], given_um: tuple[float, fl
     """Return a warning where the pitch that a user gives is not the file's own."""
     if np.allclose(own_um, given_um, rtol=0.01):
         return []
-    own, given = (" x ".join(f"{pitch:.4g}" for pitch in pair) for pair in (own_um, given_um))
-    return [f"--pitch-um says {given} µm, the file itself {own} µm: the option was taken"]
+    stated, given = (" x ".join(f"{pitch:.4g}" for pitch in pair) for pair in (own_um, given_um))
+    return [f"--pitch-um says {given} µm, the file itself {stated} µm: the option was taken"]
 
 
 def tilt_mrad(height_map: HeightMap) -> tuple[float, float]:

@@ -22,7 +22,7 @@ class _Known(Levels):
     mean: np.ndarray = field(kw_only=True)
 
     def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
-        """Return it."""
+        """Return the mean that the tiles hold."""
         return self.mean
 
 
