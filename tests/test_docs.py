@@ -1,5 +1,6 @@
 """The documentation is true: the reference is fresh, examples and tutorial run, links lead somewhere."""
 
+import ast
 import os
 import re
 import runpy
@@ -16,6 +17,7 @@ from scipy.ndimage import gaussian_filter
 from typer.main import get_command
 from typer.testing import CliRunner
 
+import dlwpredict as dlw
 from dlwpredict.cli import app
 from dlwpredict.designs import air, cin
 from dlwpredict.effects import library
@@ -26,6 +28,8 @@ from dlwpredict.process import predict
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
+GALLERY = sorted((DOCS / "gallery").glob("*.py"))
+PAGES = [*DOCS.glob("*.md"), *ROOT.glob("*.md"), *(path for path in ROOT.glob("[cst]*/**/README.md"))]
 
 
 def commands(group=None, name=""):
@@ -172,11 +176,54 @@ def test_the_tutorial_runs(tmp_path):
     assert after < 0.2 * before
 
 
-def test_links_lead_to_files():
-    for page in [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "configs" / "README.md"]:
-        for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
-            if "://" not in link and not link.startswith("#"):
-                assert (page.parent / link.split("#")[0]).exists(), (page.name, link)
+def anchors(page):
+    """Return the anchors of a page's headings, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ +(.+?) *$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(page):
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if "://" in link:
+            continue
+        path, _, anchor = link.partition("#")
+        to = page.parent / path if path else page
+        assert to.exists(), link
+        assert not anchor or anchor in anchors(to), link
+
+
+@pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
+def test_an_example_of_the_gallery_uses_the_interface_alone(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    compile(tree, path, "exec")
+    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert "dlwpredict" in imported and not any(name.startswith("dlwpredict.") for name in imported)
+    assert {name.partition(".")[0] for name in imported} <= {
+        "dlwpredict",
+        "numpy",
+        "matplotlib",
+    } | sys.stdlib_module_names
+    used = {
+        node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "dlw"
+    }
+    assert used and used <= set(dlw.__all__)
+
+
+def test_the_gallery_is_linked():
+    assert len(GALLERY) >= 3 and "examples/index" in (DOCS / "index.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_an_example_of_the_gallery_runs(tmp_path):
+    """`make site` runs all of them."""
+    command = [sys.executable, "-W", "error", DOCS / "gallery" / "correct_lens.py"]
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+    assert "lens.stl" in done.stdout and not list(tmp_path.iterdir())
 
 
 def test_the_page_on_parameters_says_what_the_program_holds():
