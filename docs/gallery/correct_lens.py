@@ -2,10 +2,9 @@
 Predict and correct a micro-lens
 ================================
 
-A micro-lens is designed, its print is predicted, and the design is
-corrected so that the print has the heights of the target. Nothing is
-measured here: the process is the one of the paper. :doc:`learn_process`
-shows how to learn your own.
+A micro-lens is designed, its print is predicted, and the design is corrected so that the print has
+the heights of the target. Nothing is measured here: the process is the one of the paper.
+:doc:`learn_process` shows how to learn your own.
 """
 
 import tempfile
@@ -18,8 +17,8 @@ import dlwpredict as dlw
 # %%
 # Design
 # ------
-# A spherical cap of 5 µm sag on a square plate of 20 µm × 20 µm, 2 µm
-# thick. Lengths are µm; 0 is the substrate, where nothing is written.
+# A spherical cap of 5 µm sag on a square plate of 20 µm × 20 µm, 2 µm thick. Lengths are µm; 0 is
+# the substrate, where nothing is written.
 
 target = dlw.design(
     "lens", size_um=20, pitch_um=0.4, margin_um=2, base_um=2, height_um=5
@@ -29,9 +28,8 @@ print(target.summary())
 # %%
 # Predict
 # -------
-# ``dlw.ParameterSet()`` holds the seven parameters of the paper. The focus
-# rounds the edges; the resin shrinks, and near the outside, where it is
-# less cross-linked, it shrinks more.
+# ``dlw.ParameterSet()`` holds the seven parameters of the paper. The focus rounds the edges; the
+# resin shrinks, and near the outside, where it is less cross-linked, it shrinks more.
 
 process = dlw.ParameterSet()
 printed = dlw.predict(target, process)
@@ -40,9 +38,9 @@ dlw.plot(target, printed, names=("target", "predicted print"))
 # %%
 # What is wrong with it?
 # ----------------------
-# ``score`` compares two maps point by point; ``part_only`` leaves out the
-# bare substrate. Most of the error is a mean difference: the print is too
-# low. What is left of it without that mean is an error of the shape.
+# ``score`` compares two maps point by point; ``part_only`` leaves out the bare substrate. Most of
+# the error is a mean difference: the print is too low. What is left of it without that mean is an
+# error of the shape.
 
 before = dlw.score(target, printed, part_only=True)
 print(f"rms error            {before.rmse_um:.3f} µm")
@@ -50,11 +48,10 @@ print(f"mean difference      {before.mean_difference_um:.3f} µm")
 print(f"rms without the mean {before.rmse_offset_free_um:.3f} µm")
 
 # %%
-# What that does to the optics: on a sphere of radius R about the height c,
-# r² + h² = 2ch + (R² − c²), which is linear in c and in R² − c². A fit to r
-# < 8 µm gives the radius of curvature, and how far the surface is from a
-# sphere. The focal length is R/(n − 1) for a refractive index n and a flat
-# back: it is wrong by the same share as R.
+# What that does to the optics: on a sphere of radius R about the height c, r² + h² = 2ch + (R² −
+# c²), which is linear in c and in R² − c². A fit to r < 8 µm gives the radius of curvature, and how
+# far the surface is from a sphere. The focal length is R/(n − 1) for a refractive index n and a
+# flat back: it is wrong by the same share as R.
 
 
 def sphere(lens):
@@ -75,8 +72,8 @@ for name, lens in {"target": target, "predicted print": printed}.items():
 # %%
 # Correct
 # -------
-# ``precompensate`` looks for the design whose print has the target's
-# heights: it predicts, adds what is missing, and predicts again.
+# ``precompensate`` looks for the design whose print has the target's heights: it predicts, adds
+# what is missing, and predicts again.
 
 result = dlw.precompensate(target, process)
 dlw.plot(target, result.corrected, names=("target", "corrected design"))
@@ -95,23 +92,16 @@ print(f"predictions          {result.predictions}")
 dlw.plot(target, result.predicted, names=("target", "print, corrected"))
 
 # %%
-# This is how well the *model* can be inverted, not how good the next print
-# will be: that one is as good as the process is known.
+# This is how well the *model* can be inverted, not how good the next print will be: that one is as
+# good as the process is known.
 #
 # Write the STL
 # -------------
-# The ending of the file decides the format. The solid is watertight, its
-# number is µm, and it is read back and checked before the file counts as
-# written. :doc:`To the printer </docs/printer>` has the settings of the
-# slicer that match the model.
+# The ending of the file decides the format. The solid is watertight, its number is µm, and it is
+# read back and checked before the file counts as written. :doc:`To the printer </docs/printer>` has
+# the settings of the slicer that match the model.
 
 with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "lens.stl"
     remarks = dlw.write(path, result.corrected)
-    again = dlw.read(path, pitch_um=0.4)
     print(f"{path.name}, {path.stat().st_size} bytes", *remarks)
-for name, lens in {
-    "read back": again,
-    "corrected": result.corrected,
-}.items():
-    print(f"{name}: highest point {lens.heights_um.max():.3f} µm")

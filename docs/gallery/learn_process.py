@@ -2,12 +2,11 @@
 Learn a process from one print
 ==============================
 
-``calibrate`` fits the seven parameters to a recording of a print. How well
-are they known after one structure, and after two?
+``calibrate`` fits the seven parameters to a recording of a print. How well are they known after one
+structure, and after two?
 
-**The recordings are simulated**: predicted prints of a process that is
-chosen here, with 10 nm of white noise. The program is shown only targets
-and recordings.
+**The recordings are simulated**: predicted prints of a process that is chosen here, with 10 nm of
+white noise. The program is shown only targets and recordings.
 """
 
 from dataclasses import replace
@@ -21,8 +20,7 @@ import dlwpredict as dlw
 # %%
 # A process to be learned
 # -----------------------
-# It differs from the paper's in focus, threshold, cross-linking and
-# shrinkage.
+# It differs from the paper's in focus, threshold, cross-linking and shrinkage.
 
 default = dlw.ParameterSet()
 chosen = replace(
@@ -47,9 +45,8 @@ def record(target, seed):
 
 
 # %%
-# The first structure is a roughness in which all heights are equally
-# frequent (AIR), the second a chirp, waves whose period grows outwards
-# (CIN).
+# The first structure is a roughness in which all heights are equally frequent (AIR), the second a
+# chirp, waves whose period grows outwards (CIN).
 
 air = dlw.design("air", size_um=20, pitch_um=0.4, margin_um=2, seed=1)
 cin = dlw.design("cin", size_um=20, pitch_um=0.4, margin_um=2)
@@ -59,8 +56,8 @@ dlw.plot(*pairs[0], names=("target", "recording"))
 # %%
 # One structure
 # -------------
-# A recording of your own comes onto the target's grid by ``dlw.align``;
-# this one is there already. The fit starts at the paper's parameters.
+# A recording of your own comes onto the target's grid by ``dlw.align``; this one is there already.
+# The fit starts at the paper's parameters.
 
 one = dlw.calibrate(pairs[:1])
 
@@ -80,11 +77,10 @@ def table(calibration):
 table(one)
 
 # %%
-# The shrinkage and the lateral width of cross-linking are known to 2 %, the
-# lateral width of the focus to an eighth, the threshold to a sixth; the
-# length of the focus and the axial width of cross-linking hardly. Over the
-# few heights of one structure, a longer focus and a wider cross-linking
-# change the print in nearly the same way. The warning says so.
+# The shrinkage and the lateral width of cross-linking are known to 2 %, the lateral width of the
+# focus to an eighth, the threshold to a sixth; the length of the focus and the axial width of
+# cross-linking hardly. Over the few heights of one structure, a longer focus and a wider
+# cross-linking change the print in nearly the same way. The warning says so.
 #
 # Two structures
 # --------------
@@ -93,9 +89,8 @@ two = dlw.calibrate(pairs)
 table(two)
 
 # %%
-# Every interval as a share of the chosen value. The second structure
-# shortens the intervals of the parameters that the first one could not tell
-# apart.
+# Every interval as a share of the chosen value. The second structure shortens the intervals of the
+# parameters that the first one could not tell apart.
 
 # sphinx_gallery_thumbnail_number = 2
 figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
@@ -114,34 +109,7 @@ axes.legend(frameon=False)
 plt.show()
 
 # %%
-# What it is good for
-# -------------------
-# Parameters that are badly known can still predict structures of the same
-# kind. Stairs have other heights, and no fit has seen them. Four times
-# over, with other noise: how far is the prediction from the print, itself
-# without noise?
-
-stairs = dlw.design(
-    "stairs", size_um=20, pitch_um=0.4, margin_um=2, base_um=3, height_um=12
-)
-printed = dlw.predict(stairs, chosen)
-
-
-def error_nm(pairs):
-    """Return how far the prediction by a fit is from the print, rms."""
-    predicted = dlw.predict(stairs, dlw.calibrate(pairs).parameters)
-    return 1e3 * dlw.score(printed, predicted, part_only=True).rmse_um
-
-
-for seed in (11, 12, 13, 14):
-    pairs = [(air, record(air, seed)), (cin, record(cin, seed + 100))]
-    one_nm, two_nm = error_nm(pairs[:1]), error_nm(pairs)
-    print(f"AIR {one_nm:5.1f} nm, AIR and CIN {two_nm:4.1f} nm")
-
-# %%
-# One structure can be lucky; with two, less depends on luck.
-#
-# :doc:`What the seven parameters mean, and when not to trust them
-# </docs/parameters>` goes on from here. A simulated recording cannot show
-# the most important doubt: whether the model holds for your printer at all.
-# :doc:`missing_effect` asks that.
+# Parameters that are badly known can still predict structures of the same kind; for others, add a
+# recording. :doc:`What the seven parameters mean, and when not to trust them </docs/parameters>`
+# goes on from here. A simulated recording cannot show the most important doubt: whether the model
+# holds for your printer at all. :doc:`missing_effect` asks that.

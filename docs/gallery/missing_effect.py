@@ -2,9 +2,9 @@
 What is missing?
 ================
 
-Where prediction and recording still differ after the fit, ``diagnose`` says
-which physics the model lacks. Here the answer is known: **the recordings
-are simulated**, with an effect that the seven parameters do not describe.
+Where prediction and recording still differ after the fit, ``diagnose`` says which physics the model
+lacks. Here the answer is known: **the recordings are simulated**, with an effect that the seven
+parameters do not describe.
 """
 
 from dataclasses import replace
@@ -17,10 +17,9 @@ import dlwpredict as dlw
 # %%
 # A printer that remembers
 # ------------------------
-# In this process the lines just written raise the dose of the next ones by
-# up to 10 %, and that fades over 6 µm. The lines are written one after the
-# other along x, so the print becomes a little higher towards +x.
-# ``dlw.effects.library()`` holds all effects that have a name.
+# In this process the lines just written raise the dose of the next ones by up to 10 %, and that
+# fades over 6 µm. The lines are written one after the other along x, so the print becomes a little
+# higher towards +x. ``dlw.effects.library()`` holds all effects that have a name.
 
 dose_memory = dlw.effects.library()["dose-memory"](gain=0.1, length_um=6)
 default = dlw.ParameterSet()
@@ -44,8 +43,8 @@ pairs = [(cin, record(cin, seed=1)), (air, record(air, seed=2))]
 # %%
 # The seven parameters alone
 # --------------------------
-# They answer to what they do not describe as well as they can. The
-# difference that is left has a shape: noise would have none.
+# The fit moves the seven so that they take up part of what they do not describe. The difference
+# that is left has a shape; noise would have none.
 
 seven = dlw.calibrate(pairs).parameters
 target, recording = pairs[0]
@@ -55,17 +54,15 @@ dlw.plot(predicted, recording, names=("prediction", "recording"))
 # %%
 # Diagnose
 # --------
-# All effects are scored, alone and in sets, and the leading sets are fitted
-# beside the seven.
+# All effects are scored, alone and in sets, and the leading sets are fitted beside the seven.
 
 answer = dlw.diagnose(pairs)
 answer
 
 # %%
-# The finding as data. Its class is the smallest set of names that holds
-# 95 % of the probability. Here it is one name: these recordings tell it
-# from all its look-alikes. With several names they could not, and the
-# verdict would be *ambiguous*.
+# The finding as data. Its class is the smallest set of names that holds 95 % of the probability.
+# Here it is one name: these recordings tell it from all its look-alikes. With several names they
+# could not, and the verdict would be *ambiguous*.
 
 print("verdict   ", answer.verdict)
 for finding in answer.findings:
@@ -77,17 +74,16 @@ for finding in answer.findings:
             print(f"{name:10} {values}")
 
 # %%
-# The chosen gain, 0.1, and length, 6 µm, lie in their intervals.
-# ``conversion`` is the share of the dose change that reaches cross-linking,
-# here none. Its interval begins near 0: read it as "below 0.08".
+# The chosen gain, 0.1, and length, 6 µm, lie in their intervals. ``conversion`` is the share of the
+# dose change that reaches cross-linking, here none. Its interval begins near 0: read it as "below
+# 0.08".
 #
 # The maps
 # --------
-# What the seven leave, how surely that is more than noise, what the effect
-# explains of it, and the remainder. Points near walls do not count. Every
-# recording may have a small tilt and offset of its own, for no microscope
-# levels perfectly. They take up much of the ramp; the rest of the shape is
-# what gives the effect away.
+# What the seven leave, how surely that is more than noise, what the effect explains of it, and the
+# remainder. Points near walls do not count. Every recording may have a small tilt, offset and shift
+# of its own, for no microscope levels perfectly. They take up much of the ramp; the rest of the
+# shape gives the effect away.
 
 models = answer.diagnosis.baseline, answer.diagnosis.extended
 left, remainder = (1e3 * model.fit.residual_um(0) for model in models)
@@ -112,9 +108,8 @@ plt.show()
 # %%
 # The corrected design
 # --------------------
-# Corrected for the seven alone, the next print keeps the ramp. Corrected
-# for what was found, it does not. Both designs go to the same simulated
-# printer.
+# Corrected for the seven alone, the next print keeps the ramp. Corrected for what was found, it
+# does not. Both designs go to the same simulated printer.
 
 
 def error_nm(written):
@@ -131,9 +126,7 @@ for name, process in processes.items():
 dlw.plot(target, corrected, names=("target", "corrected design"))
 
 # %%
-# The simulated printer remembers by the same formula that the program fits.
-# A real one does so approximately, and then fewer than 95 % of the
-# intervals hold the truth: :doc:`the evidence </docs/evidence>` counts how
-# many, with a virtual press that shares no code with the program.
-# :doc:`Reading a diagnosis </docs/diagnosis>` says what to do about each
-# verdict.
+# The simulated printer remembers by the same formula that the program fits. A real one does so
+# approximately, and then fewer than 95 % of the intervals hold the truth: :doc:`the evidence
+# </docs/evidence>` counts how many, with a virtual press that shares no code with the program.
+# :doc:`Reading a diagnosis </docs/diagnosis>` says what to do about each verdict.
