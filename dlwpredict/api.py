@@ -214,8 +214,9 @@ class Answer:
         return "\n".join([self.content["sentence"], *(f"- {finding['statement']}" for finding in self.findings)])
 
     def _repr_html_(self) -> str:
-        first, *rest = str(self).split("\n- ")
-        return f"<p><b>{escape(first)}</b></p><ul>{''.join(f'<li>{escape(one)}</li>' for one in rest)}</ul>"
+        first, *statements = str(self).split("\n- ")
+        items = "".join(f"<li>{escape(statement)}</li>" for statement in statements)
+        return f"<p><b>{escape(first)}</b></p><ul>{items}</ul>"
 
 
 def diagnose(

@@ -63,7 +63,7 @@ def run(
         require_unclipped(seen)
         require_sizes(maps[1], seen)
     try:
-        found = align(
+        alignment = align(
             *maps,
             distortion=distortion,
             allow_mirror=allow_mirror,
@@ -71,52 +71,52 @@ def run(
             known_part=known_part,
         )
     except InputError as error:
-        names = {"target": str(target), "recording": str(recording), "": str(recording)}
+        files = {"target": str(target), "recording": str(recording), "": str(recording)}
         raise type(error)(
-            error.what, where=names.get(error.where, error.where), key=error.key, allowed=error.allowed
+            error.what, where=files.get(error.where, error.where), key=error.key, allowed=error.allowed
         ) from None
-    write_height_map(output, found.aligned)
+    write_height_map(output, alignment.aligned)
     if report is not None:
-        write_text(report, yaml.safe_dump(found.as_dict(), sort_keys=False))
+        write_text(report, yaml.safe_dump(alignment.as_dict(), sort_keys=False))
     if plot is not None:
         from dlwpredict import plots
 
         names = "target", "aligned recording"
-        plots.save(plot, plots.comparison(maps[1], found.aligned, names=names, caption=_line(found)))
-    strain = max(abs(scale - 1) for scale in found.pose.scale)
+        plots.save(plot, plots.comparison(maps[1], alignment.aligned, names=names, caption=_line(alignment)))
+    strain = max(abs(scale - 1) for scale in alignment.pose.scale)
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")
-    if found.symmetry.endswith("fold"):
-        warn(f"{target}: {found.symmetry} symmetry: of the equal rotations the smallest was taken")
-    if found.symmetry == "round":
+    if alignment.symmetry.endswith("fold"):
+        warn(f"{target}: {alignment.symmetry} symmetry: of the equal rotations the smallest was taken")
+    if alignment.symmetry == "round":
         warn(f"{target}: round: the rotation is open and was left at 0")
-    if found.quality["match_log_odds"] < ODDS:
-        said = odds(found.quality["match_log_odds"])
+    if alignment.quality["match_log_odds"] < ODDS:
+        said = odds(alignment.quality["match_log_odds"])
         warn(f"{recording}: nothing proves that it shows {target} (odds {said}): taken as known (--known-part)")
-    if found.aligned.height_reference == "relative":
+    if alignment.aligned.height_reference == "relative":
         warn(f"{output}: no substrate in view, heights are relative")
-    say(f"{output}: {_line(found)}")
-    tell(found.as_dict())
-    for name, test in found.distortion_test.items():
+    say(f"{output}: {_line(alignment)}")
+    tell(alignment.as_dict())
+    for name, test in alignment.distortion_test.items():
         detail(f"{name}: {_listed(test)}")
-    detail(f"quality: {_listed(found.quality)}")
+    detail(f"quality: {_listed(alignment.quality)}")
 
 
 def _listed(figures: Mapping[str, float | bool]) -> str:
     """Return figures in words, numbers to four digits."""
     said = {
-        name: {True: "yes", False: "no"}[one] if isinstance(one, bool) else f"{one:.4g}"
-        for name, one in figures.items()
+        name: {True: "yes", False: "no"}[value] if isinstance(value, bool) else f"{value:.4g}"
+        for name, value in figures.items()
     }
-    return ", ".join(f"{name} {one}" for name, one in said.items())
+    return ", ".join(f"{name} {value}" for name, value in said.items())
 
 
-def _line(found: Alignment) -> str:
-    error = found.uncertainty
-    (x, y), (dx, dy) = found.pose.shift_um, error["shift_um"]
+def _line(alignment: Alignment) -> str:
+    pose, error = alignment.pose, alignment.uncertainty
+    (x, y), (dx, dy) = pose.shift_um, error["shift_um"]
     return (
         f"shift {x:.3f}±{dx:.3f}, {y:.3f}±{dy:.3f} µm, "
-        f"rotation {found.pose.rotation_deg:.3f}±{error['rotation_deg']:.3f}°, "
-        f"scale {found.pose.scale[0]:.4f}, {found.pose.scale[1]:.4f} ({found.distortion}), CC {found.cc:.3f}, "
-        f"heights {'to the substrate' if found.aligned.height_reference == 'substrate' else 'relative'}"
+        f"rotation {pose.rotation_deg:.3f}±{error['rotation_deg']:.3f}°, "
+        f"scale {pose.scale[0]:.4f}, {pose.scale[1]:.4f} ({alignment.distortion}), CC {alignment.cc:.3f}, "
+        f"heights {'to the substrate' if alignment.aligned.height_reference == 'substrate' else 'relative'}"
     )

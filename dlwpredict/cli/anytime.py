@@ -29,6 +29,7 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 
 LIMIT = "the time limit"
+_CAUSES: dict[int, str] = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*(s|m|min|h|)")
 
@@ -41,12 +42,12 @@ def seconds(text: str | float) -> float:
     """
     if not isinstance(text, str):
         return float(text)
-    if not (found := _TIME.fullmatch(text.strip())) or not float(found[1]) > 0:
+    if not (match := _TIME.fullmatch(text.strip())) or not float(match[1]) > 0:
         raise ValueError(f"{text!r} is no time such as 90, 90s, 5m or 1.5h")
-    return float(found[1]) * _SECONDS[found[2]]
+    return float(match[1]) * _SECONDS[match[2]]
 
 
-TIME = {"parser": seconds, "metavar": "TIME"}
+TIME: dict[str, Any] = {"parser": seconds, "metavar": "TIME"}
 """What makes an option of typer take a time."""
 
 
@@ -83,7 +84,7 @@ class Ending:
 
     def _strike(self, number: int, frame: object) -> None:
         if not (self.cause or self.closed):
-            self.cause = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}.get(number, LIMIT)
+            self.cause = _CAUSES.get(number, LIMIT)
             raise KeyboardInterrupt
 
 
@@ -93,28 +94,28 @@ def ending(limit_s: float | None) -> Iterator[Ending]:
 
     Signals that are ignored already, as in the workers of a batch, stay so.
     """
-    found = Ending()
+    end = Ending()
     if threading.current_thread() is not threading.main_thread():
-        yield found
+        yield end
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     asked = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     for number in asked:
-        signal.signal(number, found._strike)
+        signal.signal(number, end._strike)
     try:
-        with _alarm(limit_s, found):
-            yield found
+        with _alarm(limit_s, end):
+            yield end
     finally:
         for number in asked:
             signal.signal(number, before[number])
 
 
 @contextmanager
-def _alarm(limit_s: float | None, found: Ending) -> Iterator[None]:
+def _alarm(limit_s: float | None, end: Ending) -> Iterator[None]:
     if limit_s is None:
         yield
     elif hasattr(signal, "setitimer"):
-        before = signal.signal(signal.SIGALRM, found._strike)
+        before = signal.signal(signal.SIGALRM, end._strike)
         signal.setitimer(signal.ITIMER_REAL, limit_s)
         try:
             yield
@@ -125,7 +126,7 @@ def _alarm(limit_s: float | None, found: Ending) -> Iterator[None]:
         import _thread
 
         def strike() -> None:
-            found.cause = found.cause or LIMIT
+            end.cause = end.cause or LIMIT
             _thread.interrupt_main()
 
         timer = threading.Timer(limit_s, strike)

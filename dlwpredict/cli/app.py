@@ -6,7 +6,7 @@ import platform
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -16,35 +16,37 @@ from dlwpredict.cli.commands import Commands, outlines
 from dlwpredict.cli.options import joined_pairs
 from dlwpredict.errors import InputError
 
+if TYPE_CHECKING:
+    from typer._click import Context, HelpFormatter
+
 
 class _Program(TyperGroup):
     """List the commands without importing them; report the project's errors in one line."""
 
-    def __init__(self, **settings) -> None:
-        super().__init__(**settings)
-        self.commands = Commands()
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings | {"commands": Commands()})
 
     @contextmanager
     def _outlined(self) -> Iterator[None]:
-        self.commands = outlines()
+        commands, self.commands = self.commands, outlines()
         try:
             yield
         finally:
-            self.commands = Commands()
+            self.commands = commands
 
-    def format_help(self, ctx, formatter) -> None:
+    def format_help(self, ctx: Context, formatter: HelpFormatter) -> None:
         with self._outlined():
             super().format_help(ctx, formatter)
 
-    def shell_complete(self, ctx, incomplete: str) -> list:
+    def shell_complete(self, ctx: Context, incomplete: str) -> list[Any]:
         with self._outlined():
             return super().shell_complete(ctx, incomplete)
 
-    def parse_args(self, ctx, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
         ctx.obj = ("dlwpredict", *args)
         return super().parse_args(ctx, joined_pairs(args))
 
-    def invoke(self, ctx):
+    def invoke(self, ctx: Context) -> Any:
         from dlwpredict.cli.console import fault
         from dlwpredict.files.provenance import running
 
@@ -80,7 +82,7 @@ def libraries() -> list[str]:
     """Return the libraries that this program depends on, those of extras included."""
     from importlib import metadata
 
-    return [re.match(r"[\w-]+", one)[0] for one in metadata.requires("dlwpredict") or []]
+    return [re.split(r"[^\w-]", requirement, maxsplit=1)[0] for requirement in metadata.requires("dlwpredict") or []]
 
 
 def version_of(library: str) -> str:

@@ -7,7 +7,7 @@ import io
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,11 +15,17 @@ from dlwpredict.batch.chain import Chain, Command, Said, Step, perform
 from dlwpredict.batch.manifest import Structure, read_manifest
 from dlwpredict.batch.workers import work
 from dlwpredict.cli import options
+from dlwpredict.cli.commands import imported
 from dlwpredict.cli.console import progress_shown, say, warn
 from dlwpredict.cli.large import Scheduler
 from dlwpredict.cli.streams import STANDARD, tell
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.numerics.parallel import cores
+
+if TYPE_CHECKING:
+    from typer._click.exceptions import UsageError
+else:
+    UsageError = typer.BadParameter.__base__  # typer does not give it a name
 
 COMMAND = "batch"
 FIGURES = True
@@ -29,7 +35,6 @@ OUTPUTS = ("output", "report", "json_file", "params_out", "plot", "transfer_plot
 """Parameters of these commands that name what is written, the main output first; all other paths are read."""
 
 _alone = threading.Lock()
-_WrongCall = typer.BadParameter.__base__
 
 
 def run(
@@ -75,8 +80,13 @@ def chains_of(manifest: Path, folder: Path, *, overwrite: bool = False) -> list[
     structures = read_manifest(manifest)
     with blaming(manifest):
         chains = [
-            Chain(one.name, folder, tuple(command_of(line, n, overwrite) for n, line in enumerate(one.lines)), call)
-            for one in structures
+            Chain(
+                structure.name,
+                folder,
+                tuple(command_of(line, n, overwrite) for n, line in enumerate(structure.lines)),
+                call,
+            )
+            for structure in structures
         ]
         _check_files(chains, structures, folder)
     return chains
@@ -95,7 +105,7 @@ def command_of(words: tuple[str, ...], number: int, overwrite: bool) -> Command:
         raise InputError(f"found {words[0]}", key=key, allowed=f"allowed: {', '.join(COMMANDS)}")
     try:
         values = _parsed(words)
-    except _WrongCall as error:
+    except UsageError as error:
         raise InputError(f"{words[0]}: {error.format_message().rstrip('.')}", key=key) from None
     given = {name: paths for name, value in values.items() if (paths := _paths(value))}
     written = ("target", *OUTPUTS) if words[0] == "convert" else OUTPUTS
@@ -115,18 +125,16 @@ def _parsed(words: tuple[str, ...]) -> dict[str, Any]:
     # the program collects its commands, this one among them
     from dlwpredict.cli.app import app
 
-    program = typer.main.get_command(app)
-    around = program.make_context("dlwpredict", [words[0]])
-    command = program.get_command(around, words[0])
+    around = typer.main.get_command(app).make_context("dlwpredict", [words[0]])
     try:
-        values = command.make_context(words[0], options.joined_pairs(list(words[1:])), parent=around).params
+        values = imported(words[0]).make_context(words[0], options.joined_pairs(list(words[1:])), parent=around).params
     except typer.Exit:
         raise typer.BadParameter("--help is no work") from None
     return values
 
 
 def _paths(value: Any) -> list[Path]:
-    return [one for one in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(one, Path)]
+    return [path for path in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(path, Path)]
 
 
 def _check_files(chains: list[Chain], structures: list[Structure], folder: Path) -> None:
@@ -167,7 +175,7 @@ def call(words: tuple[str, ...], folder: Path) -> Said:
     ):
         try:
             code = typer.main.get_command(app).main(list(words), prog_name="dlwpredict", standalone_mode=False) or 0
-        except _WrongCall as error:
+        except UsageError as error:
             code, errors = 2, io.StringIO(f"error: {error.format_message()}\n")
         except Exception as error:  # a fault of the program must not stop the other structures
             code, errors = 1, io.StringIO(f"error: fault of the program: {type(error).__name__}: {error}\n")

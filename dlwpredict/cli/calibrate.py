@@ -109,9 +109,16 @@ def run(
         raise InputError(f"found {working_pitch_um:g}", key="--working-pitch-um", allowed="allowed: above 0")
     recordings = [_prepared(*files, wall_px=wall_px, free_shift=free_shift) for files in pairs]
     if method is Method.fast:
-        recordings = [coarser(one, working_factor(one.target, start, working_pitch_um)) for one in recordings]
+        recordings = [
+            coarser(recording, working_factor(recording.target, start, working_pitch_um)) for recording in recordings
+        ]
     with _progress() as show, _rescued(output) as watch:
-        found = calibrate(
+
+        def seen(fit: Fit) -> None:
+            watch(fit)
+            show(fit)
+
+        calibration = calibrate(
             recordings,
             moving,
             method=method.value,
@@ -119,33 +126,33 @@ def run(
             priors=priors,
             profile=True if profile else None,
             seed=seed,
-            work=Work(seen=lambda fit: (watch(fit), show(fit))),
+            work=Work(seen=seen),
         )
     stated = with_cautions(cautions_of(recordings))  # that of the start is not its own
-    write_parameters(output, replace(found.parameters, provenance=stated))
-    figures = report_of(found)
+    write_parameters(output, replace(calibration.parameters, provenance=stated))
+    figures = report_of(calibration)
     if report:
         write_text(report, json.dumps(figures, ensure_ascii=False) if report.suffix == ".json" else yaml_text(figures))
     if plot is not None:
         from dlwpredict import plots
 
-        errors = f"rmse {found.start.rmse_um():.4f} → {found.end.rmse_um():.4f} µm"
-        plots.save(plot, plots.calibration(_rows(found), caption=errors))
-    _say(output, found)
+        errors = f"rmse {calibration.start.rmse_um():.4f} → {calibration.end.rmse_um():.4f} µm"
+        plots.save(plot, plots.calibration(_rows(calibration), caption=errors))
+    _say(output, calibration)
     tell(figures)
 
 
-def _rows(found: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]]:
+def _rows(calibration: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]]:
     """Return name, target, recording, prediction and residual of every recording, on its grid.
 
     What is free about a recording's height is taken off it; the residual is NaN where a point does not count.
     """
-    rows, end = [], found.end
-    for k, one in enumerate(found.recordings):
+    rows, end = [], calibration.end
+    for k, recording in enumerate(calibration.recordings):
         predicted, left = end.traces[k].heights_um, end.residual_um(k)
-        offset = np.median((one.measured.heights_um - predicted - left)[one.used])
-        measured = one.measured.with_heights(one.measured.heights_um - offset)
-        rows.append((one.name, one.target, measured, one.target.with_heights(predicted), left))
+        offset = np.median((recording.measured.heights_um - predicted - left)[recording.used])
+        measured = recording.measured.with_heights(recording.measured.heights_um - offset)
+        rows.append((recording.name, recording.target, measured, recording.target.with_heights(predicted), left))
     return rows
 
 
@@ -196,14 +203,16 @@ def _rescued(output: Path) -> Iterator[Callable[[Fit], None]]:
         raise ResultError("interrupted", where=output, allowed=f"best so far is in {partial}") from None
 
 
-def _say(output: Path, found: Calibration) -> None:
-    left_out = f"left-out blocks {found.holdout.rmse_um:.4f} µm" if found.holdout.folds else "no blocks to leave out"
+def _say(output: Path, calibration: Calibration) -> None:
+    start, end, holdout = calibration.start, calibration.end, calibration.holdout
+    left_out = f"left-out blocks {holdout.rmse_um:.4f} µm" if holdout.folds else "no blocks to leave out"
     say(
-        f"{output}: rmse {found.start.rmse_um():.4f} -> {found.end.rmse_um():.4f} µm ({left_out}), "
-        f"{found.work['fit']:.0f} predictions' worth of work"
+        f"{output}: rmse {start.rmse_um():.4f} -> {end.rmse_um():.4f} µm ({left_out}), "
+        f"{calibration.work['fit']:.0f} predictions' worth of work"
     )
-    for name, value, (low, high) in zip(found.free.names, found.end.vector, found.intervals.ends, strict=True):
+    intervals = calibration.intervals.ends
+    for name, value, (low, high) in zip(calibration.free.names, end.vector, intervals, strict=True):
         known = f"95 % {low:.4f} to {high:.4f}" if high > low else "at its bound"
         say(f"  {name:<24} {value:8.4f}  {known}")
-    for text in found.warnings:
+    for text in calibration.warnings:
         warn(text)

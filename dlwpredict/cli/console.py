@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from dlwpredict.cli.signatures import taking
 from dlwpredict.files.doubts import doubts
 from dlwpredict.files.provenance import present_run
 
@@ -65,19 +66,17 @@ def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options ``--verbose`` and ``--quiet``, which every command has."""
 
     @functools.wraps(run)
-    def wrapped(*args, verbose: bool, quiet: bool, **kwargs):
+    def wrapped(*args: Any, verbose: bool, quiet: bool, **kwargs: Any) -> None:
         global _level
         if verbose and quiet:
             raise typer.BadParameter("--verbose and --quiet exclude each other")
         _level = _VERBOSE if verbose else _QUIET if quiet else _NORMAL
         present = present_run()
-        if present is None:
-            return run(*args, **kwargs)
-        present.seed = kwargs.get("seed")
-        result = run(*args, **kwargs)
-        for text in doubts(present, _pairs(kwargs)):
+        if present is not None:
+            present.seed = kwargs.get("seed")
+        run(*args, **kwargs)
+        for text in doubts(present, _pairs(kwargs)) if present is not None else ():
             warn(text)
-        return result
 
     signature = inspect.signature(run, eval_str=True)
     extra = [
@@ -87,6 +86,4 @@ def with_verbosity(run: Callable[..., None]) -> Callable[..., None]:
             ("quiet", typer.Option("-q", "--quiet", help="Say nothing but warnings and errors.")),
         )
     ]
-    wrapped.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *extra])
-    wrapped.__annotations__ = {p.name: p.annotation for p in wrapped.__signature__.parameters.values()}
-    return wrapped
+    return taking(wrapped, [*signature.parameters.values(), *extra])

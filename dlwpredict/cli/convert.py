@@ -60,9 +60,10 @@ def run(
 
     $ dlwpredict convert scan.txt scan.tif --pitch-um 0.1 --z-scale 1e6
     """
-    if (target is None) == (output is None):
+    named = [path for path in (target, output) if path is not None]
+    if len(named) != 1:
         raise typer.BadParameter("give OUT once: as second argument or with -o")
-    target = target or output
+    target = named[0]
     options.check_outputs(target, plot, overwrite=overwrite)
     check_plot(plot)
     with blaming(target):
@@ -108,10 +109,10 @@ def run(
 def _doubts_of_pitch(source: Path, height_map: HeightMap, settings: dict[str, Any]) -> list[str]:
     """Return a warning where the pitch that was given is not the file's own; none where it says none."""
     try:
-        own = read_height_map(source, **settings)
+        stated = read_height_map(source, **settings)
     except InputError:
         return []
-    return plausibility_of_pitch((own.dx_um, own.dy_um), (height_map.dx_um, height_map.dy_um))
+    return plausibility_of_pitch((stated.dx_um, stated.dy_um), (height_map.dx_um, height_map.dy_um))
 
 
 def levels(height_map: HeightMap, z_range_um: tuple[float, float] | None) -> dict[str, Any]:

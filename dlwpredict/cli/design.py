@@ -7,13 +7,14 @@ import re
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
 import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn, with_verbosity
 from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.signatures import taking
 from dlwpredict.cli.streams import figures_of, tell, with_streams
 from dlwpredict.designs import KINDS, options_of
 from dlwpredict.errors import InputError, blaming
@@ -33,7 +34,7 @@ def command(kind: str) -> Callable[..., None]:
     """Return the command of a kind, its options derived from the kind's signature."""
     make = KINDS[kind]
 
-    def run(*, output: Path, plot: Path | None, overwrite: bool, **settings) -> None:
+    def run(*, output: Path, plot: Path | None, overwrite: bool, **settings: Any) -> None:
         options.check_outputs(output, plot, overwrite=overwrite)
         check_plot(plot)
         with blaming(f"design {kind}"), _options_named(settings):
@@ -60,18 +61,17 @@ def command(kind: str) -> Callable[..., None]:
         inspect.Parameter("plot", inspect.Parameter.KEYWORD_ONLY, annotation=Plot, default=None),
         inspect.Parameter("overwrite", inspect.Parameter.KEYWORD_ONLY, annotation=options.Overwrite, default=False),
     )
-    run.__signature__ = inspect.Signature([output, *kind_options, plot, overwrite])
     run.__doc__ = f"Make a target: {make.meaning}.\n\n$ dlwpredict design {kind} -o {kind}.tif"
-    return run
+    return taking(run, [output, *kind_options, plot, overwrite])
 
 
 @contextmanager
 def _options_named(names: Collection[str]) -> Iterator[None]:
     """Let errors name options as they are typed: --feature-um for feature_um."""
-    found = re.compile(rf"\b({'|'.join(name for name in names if '_' in name)})\b")
+    pattern = re.compile(rf"\b({'|'.join(name for name in names if '_' in name)})\b")
 
     def typed(text: str) -> str:
-        return found.sub(lambda name: flag(name[1]), text)
+        return pattern.sub(lambda name: flag(name[1]), text)
 
     try:
         yield

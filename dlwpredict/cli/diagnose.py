@@ -11,7 +11,7 @@ from dlwpredict.cli import options
 from dlwpredict.cli.anytime import INTERRUPTED, LIMIT, TIME, end_workers, ending
 from dlwpredict.cli.console import warn
 from dlwpredict.cli.plotting import Plot, check_plot
-from dlwpredict.cli.session import Outputs, Session, is_unfinished
+from dlwpredict.cli.session import Inputs, Outputs, Session, is_unfinished
 from dlwpredict.diagnosis.answer.halves import require_enough
 from dlwpredict.errors import InputError
 from dlwpredict.metrology.walls import WALL_PX
@@ -70,16 +70,15 @@ def run(
             options.check_outputs(output, params_out, report, plot, overwrite=replaced)
             check_plot(plot)
             _check_maps(maps, overwrite=replaced)
-            session = Session.of(
+            inputs = Inputs(
                 options.pairs_of(pair),
-                outputs,
+                options.pairs_of(holdout or [], "--holdout"),
+                options.pairs_of(repeat or [], "--repeat"),
                 parameters,
-                holdout=options.pairs_of(holdout or [], "--holdout"),
-                repeats=options.pairs_of(repeat or [], "--repeat"),
-                wall_px=wall_px,
-                pitch_um=working_pitch_um,
-                seed=seed,
+                wall_px,
+                working_pitch_um,
             )
+            session = Session.of(inputs, outputs, seed=seed)
             session.begin(jobs or cores_for_workers(), resume=resume)
             session.work.stop = end.stop
             session.search(advice=advice, reproducible=reproducible)

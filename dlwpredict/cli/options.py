@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
@@ -15,6 +15,8 @@ from typer.core import TyperCommand
 from dlwpredict.errors import InputError
 
 if TYPE_CHECKING:
+    from typer._click import Context
+
     from dlwpredict.heightmap import HeightMap
 
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(nm|um|µm|μm|mm)?")
@@ -30,11 +32,11 @@ def length_um(text: str | float) -> float:
 
     if not isinstance(text, str):
         return float(text)
-    found = _LENGTH.fullmatch(text)
-    return float(f"{float(found[1]) * um_per(found[2], 'length'):.15g}") if found and found[2] else float(text)
+    match = _LENGTH.fullmatch(text)
+    return float(f"{float(match[1]) * um_per(match[2], 'length'):.15g}") if match and match[2] else float(text)
 
 
-LENGTH = {"parser": length_um, "metavar": "LENGTH"}
+LENGTH: dict[str, Any] = {"parser": length_um, "metavar": "LENGTH"}
 """What makes an option of typer take a length: 0.1 or 100nm."""
 
 Output = Annotated[Path, typer.Option("-o", "--output", help="Main output file.", show_default=False)]
@@ -77,9 +79,12 @@ FastAxis = Annotated[
 
 def recorded_by(height_map: HeightMap, kind: str | None, fast_axis_deg: float | None) -> HeightMap:
     """Return a map with what the user says of its instrument."""
-    said = {"kind": kind, "fast_axis_deg": fast_axis_deg}
-    said = {name: value for name, value in said.items() if value is not None}
-    return replace(height_map, instrument=replace(height_map.instrument, **said)) if said else height_map
+    instrument = height_map.instrument
+    if kind is not None:
+        instrument = replace(instrument, kind=kind)
+    if fast_axis_deg is not None:
+        instrument = replace(instrument, fast_axis_deg=fast_axis_deg)
+    return height_map if instrument is height_map.instrument else replace(height_map, instrument=instrument)
 
 
 class Surround(StrEnum):
@@ -124,19 +129,19 @@ class PairCommand(TyperCommand):
     ``--pair T A`` is read as ``--pair T --pair A``; `pairs_of` puts the two together again.
     """
 
-    def parse_args(self, ctx, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
         """Read the command line."""
         read: list[str] = []
-        rest = list(args)
-        while rest:
-            word = rest.pop(0)
+        words = list(args)
+        while words:
+            word = words.pop(0)
             read.append(word)
             if word in _TWO_FILES:
-                files = rest[:2]
+                files = words[:2]
                 if len(files) < 2 or any(file.startswith("-") for file in files):
                     raise typer.BadParameter(f"{word} takes two files, {_TWO_FILES[word]}", ctx=ctx)
                 read += [files[0], word, files[1]]
-                rest = rest[2:]
+                words = words[2:]
         return super().parse_args(ctx, read)
 
 

@@ -63,7 +63,7 @@ class Pair:
 
 def pixels_of(pairs: Sequence[Pair]) -> str:
     """Say on which pixels the recordings are worked."""
-    kinds = dict.fromkeys((one.factor, one.pitch_um) for one in pairs)
+    kinds = dict.fromkeys((pair.factor, pair.pitch_um) for pair in pairs)
     each = [f"{p:.3g} µm ({'as recorded' if f == 1 else f'{f} × {f} recorded ones'})" for f, p in kinds]
     return f"working pixels of {' and '.join(each)}"
 
@@ -77,11 +77,11 @@ def repeats_of(pairs: Sequence[Pair], repeats: Files) -> list[list[HeightMap]]:
         A repeat names a recording that stands in no pair, or has another grid.
     """
     again: list[list[HeightMap]] = [[] for _ in pairs]
-    known = {one.files[1].resolve(): k for k, one in enumerate(pairs)}
-    for recording, other in repeats:
+    known = {pair.files[1].resolve(): k for k, pair in enumerate(pairs)}
+    for recording, repeat in repeats:
         if recording.resolve() not in known:
             raise InputError("stands in no --pair", where=recording, key="--repeat", allowed="a recording of a --pair")
         k = known[recording.resolve()]
-        repeated = prepare(pairs[k].part, read_height_map(other), name=str(other), target_name=str(pairs[k].files[0]))
+        repeated = prepare(pairs[k].part, read_height_map(repeat), name=str(repeat), target_name=str(pairs[k].files[0]))
         again[k].append(coarser(repeated, pairs[k].factor).measured)
     return again

@@ -131,26 +131,30 @@ def run(
                 key="undecided",
                 allowed="allowed: --undecided print or --undecided measurement",
             )
-        found = corrected(process if undecided is None else process.decided(undecided.value))
-    figures = found.summary()
-    if process.undecided:
+        correction = corrected(process if undecided is None else process.decided(undecided.value))
+    figures = correction.summary()
+    if process.undecided and undecided is not None:
         figures["undecided"] = undecided.value
     if unreachable:
-        write_height_map(unreachable, part.with_heights(np.where(found.reachable, 0.0, found.error_um)))
+        write_height_map(unreachable, part.with_heights(np.where(correction.reachable, 0.0, correction.error_um)))
     if report:
         write_text(report, yaml_text(figures))
-    write_height_map(output, found.corrected)
+    write_height_map(output, correction.corrected)
     if plot is not None:
         from dlwpredict import plots
 
         errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
-        shown = plots.correction(part, found.corrected, found.predicted, found.reachable, caption=f"rmse {errors} µm")
+        shown = plots.correction(
+            part, correction.corrected, correction.predicted, correction.reachable, caption=f"rmse {errors} µm"
+        )
         plots.save(plot, shown)
     tell(figures)
-    _say(output, found)
+    _say(output, correction)
     for doubt in doubt_of_edges(part) if surround is None else ():
         warn(f"{target}: {doubt}")
-    if maximum_um is None and (capped := int((found.corrected.heights_um >= limits.maximum_um * (1 - 1e-9)).sum())):
+    if maximum_um is None and (
+        capped := int((correction.corrected.heights_um >= limits.maximum_um * (1 - 1e-9)).sum())
+    ):
         warn(
             f"{output}: {capped} points stand at {limits.maximum_um:.4g} µm, {HIGHEST:g} times the target's height, "
             "the most that is written: --maximum-um allows more"
@@ -161,17 +165,17 @@ def run(
             "each as a wall"
         )
     if (left := figures["reachable"]["largest_to_initial"]) > LARGE:
-        warn(f"stopped at {100 * left:.0f} % of the first error: {why(found, limits)}")
+        warn(f"stopped at {100 * left:.0f} % of the first error: {why(correction, limits)}")
 
 
-def _say(output: Path, found: Precompensation) -> None:
+def _say(output: Path, correction: Precompensation) -> None:
     """Say how far the correction gets."""
-    figures = found.summary()
+    figures = correction.summary()
     reached, missed = figures["reachable"], figures["unreachable"]
     say(
         f"{output}: rmse {figures['rmse_um']['before']:.4f} -> {figures['rmse_um']['after']:.4f} µm in "
-        f"{found.predictions} predictions; where reachable ({100 * reached['fraction']:.1f} % of the part) at most "
-        f"{reached['largest_um']:.4f} µm"
+        f"{correction.predictions} predictions; where reachable ({100 * reached['fraction']:.1f} % of the part) "
+        f"at most {reached['largest_um']:.4f} µm"
     )
     if missed["points"]:
         say(
@@ -179,28 +183,29 @@ def _say(output: Path, found: Precompensation) -> None:
         )
 
 
-def why(found: Precompensation, limits: Limits) -> str:
+def why(correction: Precompensation, limits: Limits) -> str:
     """Say what leaves an error where the target is within reach."""
-    if found.largest_unrounded_um <= LARGE * found.history[0]["largest_um"]:
+    if correction.largest_unrounded_um <= LARGE * correction.history[0]["largest_um"]:
         return f"heights are rounded to slices of {limits.slicing_um:g} µm (--slicing-um)"
-    if found.still_falling:
+    if correction.still_falling:
         return "allow more --predictions"
-    return f"the last {LAST} of {found.predictions} predictions gained nothing, more will not"
+    return f"the last {LAST} of {correction.predictions} predictions gained nothing, more will not"
 
 
 def show_both(
     part: HeightMap, choices: dict[Side, ParameterSet], correct: Callable[[ParameterSet], Precompensation]
 ) -> None:
     """Say what either choice of side would correct, and how the print would come out if it is wrong."""
-    found = {side: correct(process) for side, process in choices.items()}
+    corrections = {side: correct(process) for side, process in choices.items()}
     footprint = part.heights_um > 0
-    for side, other in ((Side.print, Side.measurement), (Side.measurement, Side.print)):
-        written = found[side].corrected
-        apart = (written.heights_um - found[other].corrected.heights_um)[footprint]
-        wrong = (part.heights_um - predict(written, choices[other]).heights_um)[footprint]
+    for side, truth in ((Side.print, Side.measurement), (Side.measurement, Side.print)):
+        written = corrections[side].corrected
+        apart = (written.heights_um - corrections[truth].corrected.heights_um)[footprint]
+        wrong = (part.heights_um - predict(written, choices[truth]).heights_um)[footprint]
         say(
-            f"--undecided {side}: rmse {rms(found[side].error_um[footprint]):.4f} µm, {rms(wrong):.4f} µm if it is "
-            f"{other}; corrected target up to {np.abs(apart).max():.4f} µm (rms {rms(apart):.4f} µm) from the other"
+            f"--undecided {side}: rmse {rms(corrections[side].error_um[footprint]):.4f} µm, {rms(wrong):.4f} µm "
+            f"if it is {truth}; corrected target up to {np.abs(apart).max():.4f} µm "
+            f"(rms {rms(apart):.4f} µm) from the other"
         )
 
 

@@ -18,6 +18,7 @@ from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.model.levels import Levels
+from dlwpredict.model.states import Numerics
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.process import check_target, predict
 
@@ -73,7 +74,7 @@ def run(
         slice_um = process.writing.slicing_um or 0.1 if slice_um is None else slice_um
         if not 0.001 <= slice_um <= 5:
             raise InputError(f"found {slice_um:g}", key="--slice-um", allowed="allowed 0.001 to 5 µm")
-        numerics = Voxels(slice_um, memory_mb)
+        numerics: Numerics = Voxels(slice_um, memory_mb)
     else:
         numerics = Levels(threads)
     detail(f"target: {part.summary()}")

@@ -28,14 +28,15 @@ def run(
     from dlwpredict.pages.report import write_report  # matplotlib takes a second
     from dlwpredict.pages.run_folder import read_run, unmatched
 
-    found = read_run(folder, leave_out=(output,))
-    write_report(output, found)
-    for text in found.damaged:
+    results = read_run(folder, leave_out=(output,))
+    write_report(output, results)
+    for text in results.damaged:
         warn(f"not shown: {text}")
-    if hint := unmatched(found.structures):
+    if hint := unmatched(results.structures):
         warn(f"{folder}: {hint}")
-    prints = sum("aligned" in one.maps for structure in found.structures for one in structure.prints)
+    prints = sum("aligned" in printed.maps for structure in results.structures for printed in structure.prints)
     say(
-        f"{output}: {len(found.structures)} structures, {prints} aligned recordings, {len(found.parameters)} parameter "
-        f"files, {len(found.diagnoses)} diagnoses; {output.stat().st_size / 1e6:.1f} MB"
+        f"{output}: {len(results.structures)} structures, {prints} aligned recordings, "
+        f"{len(results.parameters)} parameter files, {len(results.diagnoses)} diagnoses; "
+        f"{output.stat().st_size / 1e6:.1f} MB"
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -73,20 +75,22 @@ def run(
     maps = read_height_map(reference), read_height_map(test)
     require_same_grid(*maps, names=(str(reference), str(test)))
     with blaming(test):
-        chosen = {"material_ratio_range": material_ratio, "part_only": part_only, "include_filled": include_filled}
-        result, away = score(*maps, **chosen), away_from_walls(*maps, wall_px, **chosen)
+        compared = partial(
+            score, material_ratio_range=material_ratio, part_only=part_only, include_filled=include_filled
+        )
+        result, away = compared(*maps), away_from_walls(*maps, wall_px, compared)
     figures: dict[str, Any] = asdict(result)
     if wall_px:
         figures["away_from_walls"] = {"wall_px": wall_px} | {key: asdict(away)[key] if away else None for key in AWAY}
-    found: dict[str, Transfer] = {}
+    transfers: dict[str, Transfer] = {}
     if transfer_function or transfer_plot:
         with blaming(reference):
-            found = transfer(*maps, include_filled=include_filled)
-        figures["transfer"] = {axis: asdict(one) for axis, one in found.items()}
+            transfers = transfer(*maps, include_filled=include_filled)
+        figures["transfer"] = {axis: asdict(curve) for axis, curve in transfers.items()}
     if transfer_plot is not None:
         from dlwpredict import plots
 
-        plots.save(transfer_plot, plots.transfer_curves(found, title=f"{test.stem} against {reference.stem}"))
+        plots.save(transfer_plot, plots.transfer_curves(transfers, title=f"{test.stem} against {reference.stem}"))
     if plot is not None:
         from dlwpredict import plots
 
@@ -97,18 +101,20 @@ def run(
     say(table(result))
     if wall_px:
         say(away_note(away, wall_px))
-    if found:
-        say("\n" + transfer_table(found))
+    if transfers:
+        say("\n" + transfer_table(transfers))
     if result.height_reference == "relative":
         warn(f"{test}: heights are relative (no substrate in view); mean_difference_um and rmse_um hold a free offset")
 
 
-def away_from_walls(reference: HeightMap, test: HeightMap, wall_px: int, **chosen: Any) -> Score | None:
+def away_from_walls(
+    reference: HeightMap, test: HeightMap, wall_px: int, compared: Callable[..., Score]
+) -> Score | None:
     """Return the score of what lies so many pixels from the reference's walls and rim; None where nothing does."""
     if not wall_px:
         return None
     try:
-        return score(reference, test, left_out=near_walls_or_rim(reference, wall_px), **chosen)
+        return compared(reference, test, left_out=near_walls_or_rim(reference, wall_px))
     except ResultError:
         return None
 
@@ -137,22 +143,22 @@ def table(result: Score) -> str:
     return "\n".join(f"{name:<{first}}  {value:<{second}}  {note}".rstrip() for name, value, note in rows)
 
 
-def transfer_table(found: dict[str, Transfer]) -> str:
+def transfer_table(transfers: dict[str, Transfer]) -> str:
     """Return transfer against period along both axes, and the period at 50 %, as aligned lines."""
     lines = ["transfer  period/µm      T  ± (half the difference of opposite sides)"]
-    for axis, one in found.items():
-        rows = zip(one.period_um, one.transfer, one.half_difference, strict=True)
+    for axis, curve in transfers.items():
+        rows = zip(curve.period_um, curve.transfer, curve.half_difference, strict=True)
         lines += [f"  along {axis}  {period:8.3f}  {value:.3f}  {spread:.3f}" for period, value, spread in rows]
-    return "\n".join([*lines, *(f"50 % along {axis}: {half_note(one)}" for axis, one in found.items())])
+    return "\n".join([*lines, *(f"50 % along {axis}: {half_note(curve)}" for axis, curve in transfers.items())])
 
 
-def half_note(found: Transfer) -> str:
+def half_note(curve: Transfer) -> str:
     """Say the period at which half of the amplitude is left, or on which side of the periods it lies."""
-    if found.half_period_um is not None:
-        return f"{found.half_period_um:.3f} µm"
-    if found.transfer[-1] < HALF:
-        return f"above {found.period_um[-1]:.3f} µm, the longest period"
-    return f"below {found.period_um[0]:.3f} µm, the shortest period"
+    if curve.half_period_um is not None:
+        return f"{curve.half_period_um:.3f} µm"
+    if curve.transfer[-1] < HALF:
+        return f"above {curve.period_um[-1]:.3f} µm, the longest period"
+    return f"below {curve.period_um[0]:.3f} µm, the shortest period"
 
 
 def points_note(result: Score) -> str:
@@ -167,10 +173,11 @@ def points_note(result: Score) -> str:
 
 def caption(result: Score, away: Score | None) -> str:
     """Return the main figures, a line for all points and one for those away from walls."""
-    lines = {"away from walls": away, f"whole {result.region}": result}
     if away is None or away.points == result.points:
         lines = {"": result}
-    return "\n".join(f"{name}     {_figures(one)}".strip() for name, one in lines.items())
+    else:
+        lines = {"away from walls": away, f"whole {result.region}": result}
+    return "\n".join(f"{name}     {_figures(scored)}".strip() for name, scored in lines.items())
 
 
 def _figures(result: Score) -> str:

@@ -48,6 +48,47 @@ COLD_S = 1.0
 
 
 @dataclass(frozen=True)
+class Inputs:
+    """Which files a diagnosis is made from, and how they are read.
+
+    Parameters
+    ----------
+    pairs, holdout : sequence of (Path, Path)
+        Target and recording.
+    repeats : sequence of (Path, Path)
+        Recording and its repeat.
+    parameters : Path, optional
+    wall_px : int
+    pitch_um : float, optional
+        Of the working pixels; if absent, what the focus allows.
+    """
+
+    pairs: Files
+    holdout: Files
+    repeats: Files
+    parameters: Path | None
+    wall_px: int
+    pitch_um: float | None
+
+    def read(self, files: Files, start: ParameterSet) -> list[Pair]:
+        """Read and check pairs."""
+        return [Pair.read(pair, start, self.wall_px, self.pitch_um) for pair in files]
+
+    def fingerprint(self, seed: int) -> str:
+        """Return what another run must share with this one to take up its work."""
+        files = [file for pair in (*self.pairs, *self.holdout, *self.repeats) for file in pair]
+        recordings = [str(recording.resolve()) for _, recording in self.pairs]
+        options = {
+            "wall_px": self.wall_px,
+            "working_pitch_um": self.pitch_um,
+            "seed": seed,
+            "counts": [len(self.pairs), len(self.holdout), len(self.repeats), self.parameters is not None],
+            "repeats": [recordings.index(str(recording.resolve())) for recording, _ in self.repeats],
+        }
+        return fingerprint([*files, self.parameters] if self.parameters else files, options)
+
+
+@dataclass(frozen=True)
 class Outputs:
     """Where the results go."""
 
@@ -111,35 +152,20 @@ class Session:
     _cpu_s: float = 0.0
 
     @classmethod
-    def of(
-        cls,
-        pairs: Files,
-        outputs: Outputs,
-        parameters: Path | None,
-        *,
-        holdout: Files,
-        repeats: Files,
-        wall_px: int,
-        pitch_um: float | None,
-        seed: int,
-    ) -> Session:
+    def of(cls, inputs: Inputs, outputs: Outputs, *, seed: int) -> Session:
         """Read and check everything."""
-        begun, start = cpu_s(), read_parameters(parameters)
-        read = [Pair.read(files, start, wall_px, pitch_um) for files in pairs]
-        kept = [Pair.read(files, start, wall_px, pitch_um).recording for files in holdout]
-        again = repeats_of(read, repeats)
-        check_points([one.recording for one in read])
-        used = [file for files in (*pairs, *holdout, *repeats) for file in files] + ([parameters] if parameters else [])
-        counts = [len(pairs), len(holdout), len(repeats), parameters is not None]
-        repeated = [[str(a.resolve()) for _, a in pairs].index(str(one.resolve())) for one, _ in repeats]
-        known = {"wall_px": wall_px, "working_pitch_um": pitch_um, "seed": seed, "counts": counts, "repeats": repeated}
-        companion = replace(Companion.beside(outputs.output), fingerprint=fingerprint(used, known))
-        return cls(read, start, kept, again, seed, outputs, companion, _cpu_s=begun)
+        begun, start = cpu_s(), read_parameters(inputs.parameters)
+        pairs = inputs.read(inputs.pairs, start)
+        holdout = [pair.recording for pair in inputs.read(inputs.holdout, start)]
+        repeats = repeats_of(pairs, inputs.repeats)
+        check_points([pair.recording for pair in pairs])
+        companion = replace(Companion.beside(outputs.output), fingerprint=inputs.fingerprint(seed))
+        return cls(pairs, start, holdout, repeats, seed, outputs, companion, _cpu_s=begun)
 
     @property
     def recordings(self) -> list[Recording]:
         """All of them."""
-        return [one.recording for one in self.pairs]
+        return [pair.recording for pair in self.pairs]
 
     def begin(self, processes: int, *, resume: bool) -> None:
         """Take up what an interrupted run has left, say how long it may take, and write an answer that knows nothing.
@@ -149,15 +175,15 @@ class Session:
         self.processes, output = processes, self.outputs.output
         free = freed(self.start, choose(self.start))
         if resume and self.companion.read():
-            fits = sum(len(own) for own in self.companion.stored.values())
+            fits = sum(len(stored) for stored in self.companion.stored.values())
             say(f"going on with {fits} fits of {self.companion.path}")
             if output.exists():
                 self.content = read_yaml(output)
         elif resume:
             say(f"begins afresh: there is no {self.companion.path}")
-        predicted, one_s = _timed(self.recordings, self.start)
-        self._expected_s = one_s * np.mean(PREDICTIONS) / processes
-        low, high = (about(one_s * count / processes) for count in PREDICTIONS)
+        predicted, prediction_s = _timed(self.recordings, self.start)
+        self._expected_s = prediction_s * sum(PREDICTIONS) / len(PREDICTIONS) / processes
+        low, high = (about(prediction_s * count / processes) for count in PREDICTIONS)
         say(f"{pixels_of(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
         if not self.content:
             self.content = self._completed(untested(self.recordings, predicted, free))
@@ -168,7 +194,7 @@ class Session:
         """Diagnose, keeping every answer on the way."""
         with _progress(self._expected_s) as tell, Workers(self.processes, diagnose.__module__) as workers:
             try:
-                found = diagnose(
+                diagnosis = diagnose(
                     self.recordings,
                     self.start,
                     repeats=self.repeats,
@@ -177,12 +203,12 @@ class Session:
                     course=Course(tell, self.keep, workers, self.work, self.companion.stored),
                 )
                 tell(Stage("judgement", 0.95, "intervals, and what to record next"))
-                profiled = found.intervals(found.extended.fit, profiles=True).as_dict()
-                content = content_of(found, profiled)
+                profiled = diagnosis.intervals(diagnosis.extended.fit, profiles=True).as_dict()
+                content = content_of(diagnosis, profiled)
                 if advice:
-                    _advised(found, content)
-                self.process = extended(found, profiled) if self.outputs.params_out else None
-                self.best, self.content = found, self._completed(content)
+                    _advised(diagnosis, content)
+                self.process = extended(diagnosis, profiled) if self.outputs.params_out else None
+                self.best, self.content = diagnosis, self._completed(content)
                 if reproducible:
                     self._write_answer()
                     content = with_halves(content, list(self._halves(tell, workers)))
@@ -201,16 +227,16 @@ class Session:
             yield named_by(half, self.recordings, self.start, self.repeats, self.seed, course)
             self.companion.write()
 
-    def keep(self, found: Diagnosis) -> None:
+    def keep(self, diagnosis: Diagnosis) -> None:
         """Write an answer that is valid already, unless it says less than the one that stands."""
         self.companion.write()
-        if not (found.named or found.complete) and self.content.get("findings"):
+        if not (diagnosis.named or diagnosis.complete) and self.content.get("findings"):
             return
-        first, self.best = self.best is None, found
-        self.content = self._completed(content_of(found))
+        first, self.best = self.best is None, diagnosis
+        self.content = self._completed(content_of(diagnosis))
         self._write_answer()
         if first and self.outputs.maps:
-            write_maps(self.outputs.maps, found, self.pairs)
+            write_maps(self.outputs.maps, diagnosis, self.pairs)
 
     def close(self, cause: str) -> None:
         """Write all outputs of the best answer, and say what it is; the answer itself comes last.
@@ -220,17 +246,17 @@ class Session:
         cause : str
             What has ended the search before it was finished; empty where nothing has.
         """
-        found, outputs = self.best, self.outputs
-        if found:
+        diagnosis, outputs = self.best, self.outputs
+        if diagnosis:
             if outputs.maps:
-                write_maps(outputs.maps, found, self.pairs)
+                write_maps(outputs.maps, diagnosis, self.pairs)
             if outputs.report:
-                write_report(outputs.report, found, self.content, self.pairs)
+                write_report(outputs.report, diagnosis, self.content, self.pairs)
             if outputs.plot:
-                self._draw(found)
+                self._draw(outputs.plot, diagnosis)
             if outputs.params_out:
-                process = self.process or extended(found)
-                stated = with_cautions(cautions(found, self.content))
+                process = self.process or extended(diagnosis)
+                stated = with_cautions(cautions(diagnosis, self.content))
                 write_parameters(outputs.params_out, replace(process, provenance=stated))
             self._write_answer()
         if self.finished:
@@ -249,60 +275,61 @@ class Session:
         """Say in one line what has not been tried."""
         names = self.content.get("not_tried", [])
         tried = listed(names) if names else "the last steps of a search that has settled"
-        if found := self.best:
-            tried = tried if names or found.complete else "whether the sets of effects that were refitted stay"
+        if diagnosis := self.best:
+            tried = tried if names or diagnosis.complete else "whether the sets of effects that were refitted stay"
         return f"ended by {cause}; not tried: {tried}; the same command with --resume goes on from here"
 
     def _completed(self, content: dict[str, Any]) -> dict[str, Any]:
         """Return content with what a diagnosis does not know of itself."""
-        pitches = [float(f"{one.pitch_um:.6g}") for one in self.pairs]
+        pitches = [float(f"{pair.pitch_um:.6g}") for pair in self.pairs]
         return content | {
             "working_pitch_um": pitches[0] if len(set(pitches)) == 1 else pitches,
             "work": {"predictions": round(self.work.predictions, 1), "cpu_s": round(cpu_s() - self._cpu_s, 1)},
-            "recordings": [str(one.files[1]) for one in self.pairs],
+            "recordings": [str(pair.files[1]) for pair in self.pairs],
             "provenance": origin(),
         }
 
     def _write_answer(self) -> None:
         write_text(self.outputs.output, yaml_text(self.content))
 
-    def _draw(self, found: Diagnosis) -> None:
+    def _draw(self, path: Path, diagnosis: Diagnosis) -> None:
         from dlwpredict import plots
 
-        rows = [
-            (str(one.files[1]), one.recording.target, *maps_of(found, k).values()) for k, one in enumerate(self.pairs)
-        ]
-        plots.save(self.outputs.plot, plots.diagnosis(rows, caption=self.content["sentence"]))
+        rows = []
+        for k, pair in enumerate(self.pairs):
+            residual, mismatch, explained, remainder = maps_of(diagnosis, k).values()
+            rows.append((str(pair.files[1]), pair.recording.target, residual, mismatch, explained, remainder))
+        plots.save(path, plots.diagnosis(rows, caption=self.content["sentence"]))
 
 
-def cautions(found: Diagnosis, content: dict[str, Any]) -> list[str]:
+def cautions(diagnosis: Diagnosis, content: dict[str, Any]) -> list[str]:
     """Say what should be known wherever the extended process is used."""
-    rest, said = content["remainder"], []
+    remainder, said = content["remainder"], []
     if not content.get("complete", True):
         said.append("the diagnosis was ended before it was complete: other effects may explain the recordings better")
     if content["verdict"] == "unexplained":
         said.append("the diagnosis is 'unexplained': most of the mismatch has no name, and its effects stand in for it")
-    elif rest["significant"]:
-        said.append(f"the diagnosis left {rest['rms_um']:.3g} µm beyond noise that no named effect explains")
-    return said + cautions_of(found.recordings)
+    elif remainder["significant"]:
+        said.append(f"the diagnosis left {remainder['rms_um']:.3g} µm beyond noise that no named effect explains")
+    return said + cautions_of(diagnosis.recordings)
 
 
 def _timed(recordings: Sequence[Recording], start: ParameterSet) -> tuple[list[np.ndarray], float]:
     """Predict all recordings once; return the heights, µm, and the seconds that it takes."""
     for _ in range(2):
         begun = time.perf_counter()
-        found = [trace(one.target, start, Levels()).heights_um for one in recordings]
+        predicted = [trace(recording.target, start, Levels()).heights_um for recording in recordings]
         took = time.perf_counter() - begun
         if took > COLD_S:
             break
-    return found, took
+    return predicted, took
 
 
-def _advised(found: Diagnosis, content: dict[str, Any]) -> None:
+def _advised(diagnosis: Diagnosis, content: dict[str, Any]) -> None:
     """Add to every class the recording that would tell its members apart."""
-    for item, finding in zip(found.named, content["findings"], strict=True):
+    for item, finding in zip(diagnosis.named, content["findings"], strict=True):
         if len(item.members) > 1:
-            advice = advise(found.baseline.fit, [member.effect for member in item.members])
+            advice = advise(diagnosis.baseline.fit, [member.effect for member in item.members])
             finding["separate_by"] = advice.sentence if advice else None
             finding["separate_command"] = advice.command if advice else None
 

@@ -17,6 +17,7 @@ import numpy as np
 import typer
 
 from dlwpredict.cli.options import check_outputs
+from dlwpredict.cli.signatures import taking
 from dlwpredict.errors import InputError
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import HeightMap
@@ -85,7 +86,7 @@ def with_streams(
     endings = dict(streams or {}) | ({"json_file": ".json"} if figures else {})
 
     @functools.wraps(run)
-    def wrapped(**given):
+    def wrapped(**given: Any) -> None:
         with _standard_output(given, endings) as options:
             path = options.pop("json_file", None) if figures else None
             if path is not None and path in options.values():
@@ -98,12 +99,10 @@ def with_streams(
                 raise
             _write(path)
 
-    signature = inspect.signature(run, eval_str=True)
-    parameters = list(signature.parameters.values())
+    parameters = list(inspect.signature(run, eval_str=True).parameters.values())
     if figures:
         parameters.append(inspect.Parameter("json_file", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Json))
-    wrapped.__signature__ = signature.replace(parameters=parameters)
-    return wrapped
+    return taking(wrapped, parameters)
 
 
 def _write(path: Path | None) -> None:

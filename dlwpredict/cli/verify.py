@@ -36,19 +36,19 @@ def _faults(file: Path) -> list[str]:
     """Say for every input whether it matches; return what does not."""
     if not file.is_file():
         raise InputError("no such file", where=file, key="file", allowed="needs a result of this program")
-    stated = stated_by(file)
-    inputs = stated.get("inputs") if stated else None
+    stated = stated_by(file) or {}
+    inputs = stated.get("inputs")
     if not isinstance(inputs, dict):
         raise InputError("states no provenance", where=file, key="provenance", allowed="needs a result of this program")
     detail(f"{file}: {stated.get('command')}")
-    found = {name: _state(Path(name), digest, file.parent) for name, digest in inputs.items()}
+    states = {name: _state(Path(name), digest, file.parent) for name, digest in inputs.items()}
     if own_sha256(file) not in (None, sha256(file)):
-        found = {f"{file.name} itself": f"is not the file that {beside(file).name} belongs to", **found}
-    for name, state in found.items():
+        states = {f"{file.name} itself": f"is not the file that {beside(file).name} belongs to", **states}
+    for name, state in states.items():
         say(f"{file}: {name} {state}")
-    if not found:
+    if not states:
         say(f"{file}: made without input files")
-    return [f"{name} {state}" for name, state in found.items() if state != "matches"]
+    return [f"{name} {state}" for name, state in states.items() if state != "matches"]
 
 
 def _state(name: Path, digest: object, folder: Path) -> str:
