@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -22,6 +22,9 @@ WIDE_PIXELS_PER_SIGMA = 4.0
 
 NOTHING = 1e-12
 """Weights below this are taken as 0."""
+
+FAINT = 1e-7
+"""Weights of a mean or an interpolation that do not count: a height's error stays far below a nanometre."""
 
 BLOCK_PX = 64
 """Pixels of a line that one matrix product gives: a convolution by blocks is several times quicker than tap by tap."""
@@ -138,6 +141,41 @@ def _block(sigma_px: float, dtype: np.dtype) -> np.ndarray:
     block = np.where(inside, taps[np.clip(offsets, 0, len(taps) - 1)], 0).astype(dtype)
     block.setflags(write=False)
     return block
+
+
+def banded(matrix: np.ndarray, planes: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Multiply the first or the last axis of planes with a matrix whose weights lie near its diagonal.
+
+    Block of rows by block, without the weights that do not count: on large maps that is most of them.
+
+    Parameters
+    ----------
+    matrix : numpy.ndarray, shape (wanted, given)
+    planes : numpy.ndarray, shape (given, ...) or (..., given)
+    axis : int
+        0 or -1.
+
+    Examples
+    --------
+    >>> banded(np.eye(3, 2), np.arange(8.0).reshape(2, 2, 2)).shape
+    (3, 2, 2)
+    """
+    if axis == 0:
+        flat = planes.reshape(len(planes), -1)
+        blocks = [part @ flat[near] for part, near in _bands(matrix)]
+        return np.concatenate(blocks).reshape(-1, *planes.shape[1:])
+    flat = planes.reshape(-1, planes.shape[-1])
+    blocks = [flat[:, near] @ part.T for part, near in _bands(matrix)]
+    return np.concatenate(blocks, axis=1).reshape(*planes.shape[:-1], -1)
+
+
+def _bands(matrix: np.ndarray) -> Iterator[tuple[np.ndarray, slice]]:
+    """Yield blocks of rows of a matrix, cut to the columns that count in them, and these columns."""
+    for start in range(0, len(matrix), BLOCK_PX):
+        rows = matrix[start : start + BLOCK_PX]
+        used = np.flatnonzero(np.abs(rows).max(axis=0) > FAINT)
+        near = slice(used[0], used[-1] + 1) if len(used) else slice(0)
+        yield rows[:, near], near
 
 
 def block_mean(planes: np.ndarray, factors: Sequence[int]) -> np.ndarray:
