@@ -217,8 +217,23 @@ class TestSearch:
         assert found.width(100.0, "curl", left=30.0) == pytest.approx(expected)
 
     def test_what_another_noise_may_prefer_is_near(self):
-        found = search({CURL: 100.0, FIELD: 80.0, DARK: 50.0})
-        assert [sorted(found.names(one)) for one in found.near()] == [["curl"], [], ["field-curvature"]]
+        found = search({CURL: 100.0, FIELD: 80.0, DARK: 75.0, ("curl", "field-curvature"): 101.0})
+        found.fitter = SimpleNamespace(settled=lambda start: len(start.parameters.effects) == 1)
+        starts = [(sorted(found.names(start.parameters)), start.settled) for start in found.near()]
+        both = ["curl", "field-curvature"]
+        assert starts == [
+            (["curl"], True),
+            ([], False),
+            (["field-curvature"], True),
+            (["vignetting"], True),
+            (both, False),
+        ]
+
+    def test_the_quick_fit_of_a_first_effect_may_fall_short(self):
+        """By a share of the gain: at 1000, 699 is not near, 701 is."""
+        found = search({CURL: 1000.0, FIELD: 699.0, DARK: 701.0})
+        found.fitter = SimpleNamespace(settled=lambda start: False)
+        assert [sorted(found.names(start.parameters)) for start in found.near()] == [["curl"], [], ["vignetting"]]
 
     @pytest.mark.parametrize(
         ("strength", "begun"),

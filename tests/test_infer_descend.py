@@ -156,7 +156,9 @@ class TestFitter:
         assert np.abs(error).max() < 4
         assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
 
-    def test_what_falls_short_of_its_promise_is_fitted_once_more_and_only_what_is_near_is_converged(self, monkeypatch):
+    def test_what_falls_short_of_its_promise_is_fitted_once_more_and_only_what_is_asked_for_is_converged(
+        self, monkeypatch
+    ):
         """Three models with a limit of 10: one is near, one comes near once it has derivatives of its own."""
         costs, converged = {"shrinkage_min": [9.0], "shrinkage_max": [50.0, 8.0], "threshold": [60.0]}, []
         frees = {name: choose(ParameterSet(), free=(name,)) for name in costs}
@@ -169,17 +171,43 @@ class TestFitter:
             converged.append(starts[0].parameters)
             return fit(starts[0].parameters, begun.cost - 1)
 
+        def again(objective, like, old):
+            return fit(old.free.names[0], costs[old.free.names[0]][1])
+
+        best.__name__, again.__name__ = "_best", "_again"
         monkeypatch.setattr(fitting, "_quick", lambda o, like, own: fit(own[0].parameters, costs[own[0].parameters][0]))
-        monkeypatch.setattr(fitting, "_again", lambda o, like, old: fit(old.free.names[0], costs[old.free.names[0]][1]))
+        monkeypatch.setattr(fitting, "_again", again)
         monkeypatch.setattr(fitting, "_best", best)
         monkeypatch.setattr(fitting, "recorded", lambda found: {})
         monkeypatch.setattr(Fitter, "free", lambda self, name: frees[name])
-        starts = [[SimpleNamespace(parameters=name)] for name in costs]
+        starts = [SimpleNamespace(parameters=name) for name in costs]
         contestant = Fitter(Objective(()), choose(ParameterSet()))
-        ends = contestant.contest(starts, {("shrinkage_max",): 5.0}, lambda key, known: 10.0)
-        assert converged == ["shrinkage_min", "shrinkage_max"]
-        assert [end.cost for end in ends.values()] == pytest.approx([8, 7, 60])
+        ends = contestant.contest([[one] for one in starts], {("shrinkage_max",): 5.0}, lambda key, known: 10.0)
+        assert [end.cost for end in ends.values()] == pytest.approx([9, 8, 60])
+        assert not converged and not contestant.settled(starts[0])
+        assert [end.cost for end in contestant.settle(starts[:2])] == pytest.approx([8, 7])
+        assert converged == ["shrinkage_min", "shrinkage_max"] and contestant.settled(starts[0])
         assert contestant.objective.work.predictions == 6
+
+    @pytest.mark.parametrize("quick", [False, True])
+    def test_a_stored_fit_is_taken_up(self, air, printed, quick):
+        free, stored = choose(LOW, free=KAPPAS), {}
+
+        def fitted(fitter):
+            if quick:
+                return fitter.contest([[Start(LOW)]], {}, lambda key, costs: -np.inf)[key_of(free)]
+            return fitter.best(Start(LOW))
+
+        first, second = (Fitter(objective_of(air, printed, 0.01), free, stored=stored) for _ in range(2))
+        fit = fitted(first)
+        assert json.loads(json.dumps(stored)) == stored
+        kind = "quick" if quick else "best"
+        values = stored[" ".join((kind, *key_of(free)))]["values"]
+        assert values == dict(zip(fit.free.names, fit.vector, strict=True))
+        again = fitted(second)
+        np.testing.assert_array_equal(again.vector, fit.vector)
+        assert again.cost == pytest.approx(fit.cost, abs=1e-3)
+        assert second.objective.work.predictions <= first.objective.work.predictions
 
     @pytest.mark.parametrize("settled", [False, True])
     def test_another_valley_is_looked_for_unless_the_fit_was_the_best_before(self, air, printed, monkeypatch, settled):
@@ -228,18 +256,6 @@ class TestFitter:
             for starts in ((TRUTH,), (far, TRUTH))
         )
         assert both.cost <= alone.cost + 0.1
-
-    def test_a_stored_fit_is_taken_up(self, air, printed):
-        free, stored = choose(LOW, free=KAPPAS), {}
-        first = Fitter(objective_of(air, printed, 0.01), free, stored=stored)
-        found = first.best(Start(LOW))
-        assert json.loads(json.dumps(stored)) == stored
-        assert stored[" ".join(key_of(free))]["values"] == dict(zip(found.free.names, found.vector, strict=True))
-        second = Fitter(objective_of(air, printed, 0.01), free, stored=stored)
-        again = second.best(Start(LOW))
-        np.testing.assert_array_equal(again.vector, found.vector)
-        assert again.cost == pytest.approx(found.cost, abs=1e-3)
-        assert second.objective.work.predictions <= first.objective.work.predictions
 
     def test_what_was_chosen_moves_and_nothing_else(self, air, printed):
         """Of the start's own effects too: one that is off, and one that is held."""

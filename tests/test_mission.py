@@ -106,7 +106,6 @@ def test_two_effects_of_both_sides_are_both_named():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason=f"as where it is alone: {MISSED['slope-error']}")
 def test_the_second_of_two_has_only_its_double_beside_it():
     found, _ = both_sides()
     second = found.named[1].names

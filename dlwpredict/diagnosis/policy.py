@@ -30,20 +30,19 @@ the place of each. The first are the ones that the linear screen puts first; a r
 HALF = 0.5
 """An effect that explains less than this share of what the best explains, to first order, is not refitted first."""
 
-ROUNDS = 5
-"""Linearise, enumerate, refit: at most so often; one effect takes two rounds, each further one another."""
+ROUNDS = 6
+"""Linearise, enumerate, refit, estimate the noise beside the best set: at most so often; one effect takes two rounds,
+each further one another."""
 
 REACH = 2.0
-"""Refits are brought to convergence where they come within so many class widths of the best: those of a quick fit."""
+"""Refits are brought to convergence where they come within so many class widths of the best set: a quick fit may be
+one of them too high."""
 
 SHORT = 0.3
-"""Share of the best gain that the quick fit of a first effect may fall short by and still be brought to convergence:
-where a law bends, derivatives taken before it did find no more."""
+"""Share of the best gain that the quick fit of a first effect may fall short by and still be looked at again beside
+another noise model: where a law bends, derivatives taken before it did find no more."""
 
 # -- noise and choice -------------------------------------------------------------------------
-PASSES = 3
-"""Times that noise and choice are repeated at most."""
-
 ALIKE = 0.15
 """Two noise models whose strength and length differ by less than this share are one: estimates scatter by as much."""
 

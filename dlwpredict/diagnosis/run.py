@@ -193,8 +193,8 @@ def diagnose(
     """Find out what the model lacks.
 
     Fit; estimate the noise beside everything that might be in the residual; then linearise, enumerate sets of effects
-    and refit the leading ones, until they stay; estimate the noise beside the best set, and search again, until the
-    noise stays.
+    and refit the leading ones; estimate the noise beside the best set; again, until the set that the noise was
+    estimated beside stays the best.
 
     Parameters
     ----------
@@ -228,29 +228,28 @@ def diagnose(
     designs = _designs(first, signatures[frozenset()], objective)
     estimate = {"repeats": repeats, "slopes": slopes, "seed": seed, "workers": workers}
     tell(Stage.of("noise", "estimating the noise"))
-    better, found, ended = noises(recordings, first.residuals_um(), designs, **estimate), None, ()
-    for number in range(policy.PASSES):
-        noise, own = better, stored.setdefault(f"pass {number}", {})
-        fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers, stored=own)
-        tell(Stage.of("screen", "scoring every named effect"))
-        baseline = fitter.best(Start(first.parameters))
-        null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
-        judge = _Judge(recordings, noise, baseline, fitter, null, holdout, seed)
-        search = Search(fitter, null, baseline, signatures)
-        keep(judge.answer(search, frozenset(), complete=False))
-        tell(Stage.of("refits", "refitting the leading sets of effects"))
-        search.watch = lambda names, judge=judge, search=search: keep(judge.answer(search, names, complete=False))
-        search.begin_with(ended)
-        found = search.run()
-        if not found:
+    better = noises(recordings, first.residuals_um(), designs, **estimate)
+    noise, best, ended = None, frozenset(), ()
+    for number in range(policy.ROUNDS):
+        if noise is None or not _alike(noise, better):
+            noise, own = better, stored.setdefault(f"round {number}", {})
+            fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers, stored=own)
+            tell(Stage.of("screen", "scoring every named effect"))
+            baseline = fitter.best(Start(first.parameters))
+            null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
+            judge = _Judge(recordings, noise, baseline, fitter, null, holdout, seed)
+            search = Search(fitter, null, baseline, signatures)
+            keep(judge.answer(search, frozenset(), complete=False))
+            tell(Stage.of("refits", "refitting the leading sets of effects"))
+            search.begin_with(ended)
+        beside, best = best, search.round()
+        if best == beside:
             break
-        model = search.fitted[found]
-        better = noises(recordings, model.residuals_um(), designs, like=noise, **estimate)
-        if all(_alike(a, b) for a, b in zip(_models(noise), _models(better), strict=True)):
-            break
-        first, ended = search.baseline, search.near()
+        keep(judge.answer(search, best, complete=False))
+        better = noises(recordings, search.fitted[best].residuals_um(), designs, **estimate)
+        first, ended = baseline, search.near()
     tell(Stage.of("judgement", "judging what is left"))
-    answer = judge.answer(search, found, complete=True)
+    answer = judge.answer(search, best, complete=True)
     keep(answer)
     return answer
 
@@ -331,7 +330,10 @@ def _models(noise: Sequence[NoiseEstimate]) -> list[Uneven]:
     return [estimate.model for estimate in noise]
 
 
-def _alike(one: Uneven, other: Uneven) -> bool:
+def _alike(noise: Sequence[NoiseEstimate], other: Sequence[NoiseEstimate]) -> bool:
     """Tell whether two models of noise are uneven in the same ways, and else the same to the accuracy of estimates."""
-    pairs = (one.sigma_um, other.sigma_um), (one.even.length_um, other.even.length_um)
-    return one.ways == other.ways and all(abs(np.log(a / b)) < policy.ALIKE for a, b in pairs)
+    for one, two in zip(_models(noise), _models(other), strict=True):
+        pairs = (one.sigma_um, two.sigma_um), (one.even.length_um, two.even.length_um)
+        if one.ways != two.ways or any(abs(np.log(a / b)) >= policy.ALIKE for a, b in pairs):
+            return False
+    return True

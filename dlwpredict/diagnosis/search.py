@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,8 +40,6 @@ class Search:
     baseline : Fit
     signatures : dict
         Signatures by names of the model that they were taken at: they outlive a noise model.
-    watch : callable
-        Called with the names of the best set so far, after every round.
     fitted : dict
         Best fits by names of their effects, the baseline's own aside.
     spread : dict
@@ -52,7 +50,6 @@ class Search:
     null: Null
     baseline: Fit
     signatures: dict[Names, Signatures]
-    watch: Callable[[Names], None] = lambda names: None
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
     first: Linearised | None = None
@@ -63,33 +60,36 @@ class Search:
         self.first = self.linearised(frozenset())
         self.asked = thresholds(self.first, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
 
-    def begin_with(self, earlier: Iterable[ParameterSet]) -> None:
+    def begin_with(self, earlier: Iterable[Start]) -> None:
         """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
-        starts = {self.names(parameters): [Start(parameters, settled=True)] for parameters in earlier}
+        starts = {self.names(start.parameters): [start] for start in earlier}
         starts.pop(frozenset(), None)
-        for names in list(starts)[:1]:
-            self._refit({names: starts.pop(names)}, {names: -np.inf}, frozenset())
-            self._refit(starts, dict.fromkeys(starts, np.inf), names)
+        for best in list(starts)[:1]:
+            self._refit({best: starts.pop(best)}, {}, frozenset())
+            self._refit(starts, {}, best)
 
-    def run(self) -> Names:
-        """Return the names of the best set."""
+    def round(self) -> Names:
+        """Refit the leading sets beside the best one; return the names of the best set then.
+
+        Quick fits are enough to find a better set. Where none is, those that come near are brought to convergence, and
+        effects are looked for whose place a width has taken.
+        """
+        before = self.rested()
+        sets = Sets.of(self.linearised(before), self.price)
+        model, starts, promised = self.fitted[before], {}, {}
+        for subset in sets.leading(before, self.width_of_set(before)):
+            begun = self._starts(model, sets, subset)
+            if not self.fitter.has(begun[0]):
+                starts[subset.names], promised[subset.names] = begun, sets.screen.cost - subset.gain
+        self._refit(starts, promised, before)
         best = self.rested()
-        for _ in range(policy.ROUNDS):
-            sets = Sets.of(self.linearised(best), self.price)
-            model, starts, promised = self.fitted[best], {}, {}
-            for one in sets.leading(best, self.width_of_set(best)):
-                begun = self._starts(model, sets, one)
-                if not self.fitter.has(begun[0]):
-                    starts[one.names], promised[one.names] = begun, sets.screen.cost - one.gain
-            self._refit(starts, promised, best)
-            before, best = best, self.rested()
-            if best == before:
-                hidden = self._behind_widths(model, sets.screen, best)
-                self._refit(hidden, dict.fromkeys(hidden, np.inf), best)
-                best = self.rested()
-            self.watch(best)
-            if best == before:
-                break
+        if best == before:
+            self._settle(before)
+            best = self.rested()
+        if best == before:
+            self._refit(self._behind_widths(model, sets.screen, before), {}, before)
+            self._settle(before)
+            best = self.rested()
         return best
 
     def _behind_widths(self, model: Fit, screen: Linearised, names: Names) -> dict[Names, list[Start]]:
@@ -134,14 +134,23 @@ class Search:
         noise = self.asked.first if alone else self.asked.next
         return noise * self.spread.get(name, 1.0) ** 2 + (0.0 if alone else self.form_error)
 
-    def near(self) -> list[ParameterSet]:
-        """Return where the best fit is, and those that come near it: another noise model might prefer them."""
+    def near(self) -> list[Start]:
+        """Return where the best fit is, and those that come near it: another noise model might prefer them.
+
+        The quick fit of a first effect may fall short where its law bends; it is near with a share of the gain.
+        """
         best = self.best()
-        limit = self.fitted[best].cost + self.width_of_set(best)
+        here, gain = self.fitted[best].cost, self.baseline.cost - self.fitted[best].cost
+        limit = here + max(self.width_of_set(best), policy.SHORT * gain if len(best) == 1 else 0.0)
         reduced = [best - {name} for name in best]
         others = [names for names in self.fitted if names != best]
         near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
-        return [self.fitted[names].parameters for names in (best, *near)]
+        return [self._start(names) for names in (best, *near)]
+
+    def _start(self, names: Names) -> Start:
+        """Return a set as it was fitted, as a start."""
+        start = Start(self.fitted[names].parameters)
+        return replace(start, settled=self.fitter.settled(start))
 
     def width_of_set(self, names: Names) -> float:
         """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""
@@ -191,6 +200,7 @@ class Search:
         if fewer not in self.fitted:
             model = self.fitted[names]
             self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]}, {fewer: -np.inf}, names)
+        self._settle(names, [fewer])
         return self.fitted[fewer]
 
     def gain(self, names: Names, name: str) -> float:
@@ -243,25 +253,37 @@ class Search:
         return free.parameters(free.allowed(np.array(values)))
 
     def _refit(self, starts: dict[Names, list[Start]], promised: dict[Names, float], beside: Names) -> None:
-        """Refit sets that were proposed beside the best one, with full care where they may matter.
+        """Refit quickly sets that were proposed beside the best one."""
+        keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
+
+        def limit(key: Key, costs: Mapping[Key, float]) -> float:
+            return self._limit(keys[key], {keys[other]: cost for other, cost in costs.items()}, beside)
+
+        known = {key: promised.get(names, np.inf) for key, names in keys.items()}
+        self._keep({keys[key]: fit for key, fit in self.fitter.contest(list(starts.values()), known, limit).items()})
+
+    def _settle(self, beside: Names, among: Iterable[Names] | None = None) -> None:
+        """Bring to convergence what may matter beside a set, of all sets or of some."""
+        costs = {names: fit.cost for names, fit in self.fitted.items()}
+        near = [names for names in among or costs if costs[names] <= self._limit(names, costs, beside)]
+        near = [names for names in near if names and not self.fitter.settled(Start(self.fitted[names].parameters))]
+        fits = self.fitter.settle([Start(self.fitted[names].parameters) for names in near])
+        self._keep(dict(zip(near, fits, strict=True)))
+
+    def _limit(self, names: Names, costs: Mapping[Names, float], beside: Names) -> float:
+        """Return the highest cost at which a set matters beside the best one.
 
         In the place of an effect, one that comes near; as one more, one that may gain half of what it needs.
         """
-        keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
-        here = self.fitted[beside].cost
+        size = max(len(beside), 1)
+        least = min([self.fitted[beside].cost, *(cost for other, cost in costs.items() if len(other) == size)])
+        more = len(names) - size
+        if more > 0:
+            return least - policy.HALF * (self.price(len(names)) - self.price(size))
+        gain = max(self.baseline.cost - least, 0.0)
+        return least + policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
 
-        def limit(key: Key, costs: Mapping[Key, float]) -> float:
-            same = [cost for other, cost in costs.items() if len(keys[other]) == max(len(beside), 1)]
-            least = min([here, *same])
-            more = len(keys[key]) - max(len(beside), 1)
-            if more > 0:
-                return least - policy.HALF * (self.price(len(keys[key])) - self.price(len(keys[key]) - more))
-            gain = max(self.baseline.cost - least, 0.0)
-            reach = policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
-            return least + (reach if beside else max(reach, policy.SHORT * gain))
-
-        known = {key: promised[names] for key, names in keys.items() if not beside or len(names) <= len(beside)}
-        for key, fit in self.fitter.contest(list(starts.values()), known, limit).items():
-            names = keys[key]
+    def _keep(self, fits: Mapping[Names, Fit]) -> None:
+        for names, fit in fits.items():
             if names not in self.fitted or fit.cost < self.fitted[names].cost:
                 self.fitted[names] = fit

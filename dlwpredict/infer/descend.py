@@ -28,7 +28,7 @@ standard deviation."""
 TRUSTED = 0.8
 """Share of the promised gain that must come true for the Jacobian to be updated by the secant, not computed anew."""
 
-STEPS = 16
+STEPS = 24
 """Steps at most: few descents need so many, along valleys that bend."""
 
 LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e3

@@ -65,11 +65,11 @@ class Fitter:
     workers : Workers
         Who share fits that can be made at once.
     stored : dict
-        Records of best fits by model, as an interrupted run has left them; new ones are added.
+        Records of fits, as an interrupted run has left them; new ones are added.
     known : dict
         Best fits by model.
     quick : dict
-        Quick fits by model, of models that were not worth more.
+        Quick fits by model.
     """
 
     objective: Objective
@@ -87,6 +87,10 @@ class Fitter:
         """Tell whether a model has been fitted already."""
         key = key_of(self.free(start.parameters))
         return key in self.known or key in self.quick
+
+    def settled(self, start: Start) -> bool:
+        """Tell whether the best fit of a model is known, not only a quick one."""
+        return key_of(self.free(start.parameters)) in self.known
 
     def reopened(self, start: Start) -> bool:
         """Forget the quick fit of a model; tell whether another start may be tried: not where it is converged."""
@@ -107,10 +111,10 @@ class Fitter:
         promised: Mapping[Key, float],
         limit: Callable[[Key, Mapping[Key, float]], float],
     ) -> dict[Key, Fit]:
-        """Fit several models; only those that may matter are fitted with full care.
+        """Fit several models quickly; return each with its best fit, where that is known, or its quick one.
 
-        A model matters where its quick fit does not cost more than its limit. One that promises to first order what its
-        quick fit has not found is fitted quickly once more, with derivatives of its own.
+        One that promises to first order what its quick fit has not found, and would matter then, is fitted quickly
+        once more, with derivatives of its own.
 
         Parameters
         ----------
@@ -119,47 +123,47 @@ class Fitter:
             Cost to first order.
         limit : function of a model and the costs of all quick fits
             The highest cost at which the model matters.
-
-        Returns
-        -------
-        dict
-            Model to its best fit, or to its quick one.
         """
         starts = {key_of(self.free(own[0].parameters)): own for own in models}
-        kept = {key: own for key, own in starts.items() if key not in self.known and " ".join(key) in self.stored}
-        self._converge(kept)
         unknown = [key for key in starts if key not in self.known and key not in self.quick]
         self._hurry(_quick, {key: tuple(starts[key]) for key in unknown})
         costs = self._costs(starts)
         short = [key for key in unknown if promised.get(key, np.inf) <= limit(key, costs) < costs[key]]
         self._hurry(_again, {key: self.quick[key] for key in short})
-        costs = self._costs(starts)
-        near = [key for key, cost in costs.items() if key not in self.known and cost <= limit(key, costs)]
-        self._converge({key: starts[key] for key in near})
         return {key: self.known.get(key) or self.quick[key] for key in starts}
+
+    def settle(self, starts: Sequence[Start]) -> list[Fit]:
+        """Return the best fits of several models."""
+        models = {key_of(self.free(start.parameters)): (start,) for start in starts}
+        self._converge({key: own for key, own in models.items() if key not in self.known})
+        return [self.known[key] for key in models]
 
     def _costs(self, models: Iterable[Key]) -> dict[Key, float]:
         return {key: (self.known.get(key) or self.quick[key]).cost for key in models}
 
     def _hurry(self, fit: Callable[..., tuple[Fit, float]], models: Mapping[Key, Any]) -> None:
         """Fit models quickly, each from what it has."""
-        jobs = [(self._alone(), self.like, own) for own in models.values()]
-        for key, (found, spent) in zip(models, self.workers.each(fit, jobs), strict=True):
-            self.quick[key] = self._shared(found).light
-            self.objective.work.predictions += spent
+        for key, quick in self._carried_out(fit, {key: (own,) for key, own in models.items()}).items():
+            self.quick[key] = quick.light
 
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
-        """Bring models to convergence; what an interrupted run has left is taken up as it was."""
-        taken = [key for key in models if " ".join(key) in self.stored]
+        """Bring models to convergence."""
+        self.known |= self._carried_out(_best, {key: (tuple(own), self.quick.get(key)) for key, own in models.items()})
+
+    def _carried_out(self, fit: Callable[..., tuple[Fit, float]], models: Mapping[Key, tuple]) -> dict[Key, Fit]:
+        """Fit models; what an interrupted run has left is taken up as it was."""
+        record = {key: " ".join((fit.__name__.lstrip("_"), *key)) for key in models}
+        taken = [key for key in models if record[key] in self.stored]
         others = [key for key in models if key not in taken]
-        again = [(self._alone(), self.like, self.stored[" ".join(key)]) for key in taken]
-        jobs = [(self._alone(), self.like, tuple(models[key]), self.quick.get(key)) for key in others]
-        found = [*self.workers.each(restored, again), *self.workers.each(_best, jobs)]
-        for key, (fit, spent) in zip([*taken, *others], found, strict=True):
-            self.known[key] = self._shared(fit)
+        again = [(self._alone(), self.like, self.stored[record[key]]) for key in taken]
+        jobs = [(self._alone(), self.like, *models[key]) for key in others]
+        ends = [*self.workers.each(restored, again), *self.workers.each(fit, jobs)]
+        fits = {}
+        for key, (end, spent) in zip([*taken, *others], ends, strict=True):
+            fits[key] = self._shared(end)
             self.objective.work.predictions += spent
-            if key in others:
-                self.stored[" ".join(key)] = recorded(self.known[key])
+            self.stored[record[key]] = recorded(end)
+        return fits
 
     def _alone(self) -> Objective:
         """Return the objective with work of its own, so that it can be counted in another process."""

@@ -180,9 +180,9 @@ def _end(objective: Objective, fitted: Fit, k: int, reach: float, allowed: float
     inside, rise_inside, outside = value, 0.0, None
 
     def limited(place: float) -> float:
-        """Keep a place inside the bound; a positive parameter at most halves or doubles in one step."""
+        """Keep a place inside the bound; what cannot be 0, a length, at most halves or doubles in one step."""
         low, high = sorted((value, bound))
-        if value > 0 and fitted.free.low[k] >= 0:
+        if fitted.free.low[k] > 0:
             low, high = max(low, inside / 2), min(high, 2 * inside)
         return float(np.clip(place, low, high))
 
