@@ -223,13 +223,19 @@ def diagnose(
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
     objective = Objective(first.data, PARAMETERS, work)
     tell(Stage.of("signatures", "what each named effect would change"))
-    signatures = {frozenset(): Signatures.of(first, (), work, workers)}
+    signatures: dict[Names, Signatures] = {frozenset(): Signatures.of(first, (), work, workers)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
     designs = _designs(first, signatures[frozenset()], objective)
-    estimate = {"repeats": repeats, "slopes": slopes, "seed": seed, "workers": workers}
+
+    def noise_beside(fit: Fit) -> list[NoiseEstimate]:
+        """Estimate the noise from what a fit leaves."""
+        left = fit.residuals_um()
+        return noises(recordings, left, designs, repeats=repeats, slopes=slopes, seed=seed, workers=workers)
+
     tell(Stage.of("noise", "estimating the noise"))
-    better = noises(recordings, first.residuals_um(), designs, **estimate)
-    noise, best, ended = None, frozenset(), ()
+    better, noise = noise_beside(first), None
+    best: Names = frozenset()
+    ended: list[Start] = []
     for number in range(policy.ROUNDS):
         if noise is None or not _alike(noise, better):
             noise, own = better, stored.setdefault(f"round {number}", {})
@@ -246,7 +252,7 @@ def diagnose(
         if best == beside:
             break
         keep(judge.answer(search, best, complete=False))
-        better = noises(recordings, search.fitted[best].residuals_um(), designs, **estimate)
+        better = noise_beside(search.fitted[best])
         first, ended = baseline, search.near()
     tell(Stage.of("judgement", "judging what is left"))
     answer = judge.answer(search, best, complete=True)

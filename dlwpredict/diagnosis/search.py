@@ -52,8 +52,8 @@ class Search:
     signatures: dict[Names, Signatures]
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
-    first: Linearised | None = None
-    asked: Thresholds | None = None
+    first: Linearised = field(init=False)
+    asked: Thresholds = field(init=False)
 
     def __post_init__(self) -> None:
         self.fitted[frozenset()] = self.baseline
@@ -98,7 +98,8 @@ class Search:
         About such a width no tangent shows them. They are those that the process hides, and that could bring the width
         back within their range; the process begins at the paper's seven.
         """
-        far, largest = far_widths(model.free, model.vector), {}
+        far = far_widths(model.free, model.vector)
+        largest: dict[tuple[str, str, bool], tuple[float, int]] = {}
         for k in screen.hidden:
             candidate = screen.chosen[k]
             for size in (candidate.lowest, candidate.highest):
@@ -110,7 +111,8 @@ class Search:
         for (name, _, above), (_, k) in largest.items():
             process = joined(model.parameters, [screen.chosen[k].at(1.0 if above else -1.0)], self.baseline.free)
             free = self.fitter.free(process)
-            starts[names | {name}].append(Start(free.parameters(from_paper(free, free.start))))
+            begun = from_paper(free, free.start)
+            starts[names | {name}].append(Start(process if begun is None else free.parameters(begun)))
         return {model: own for model, own in starts.items() if self.fitter.reopened(own[0])}
 
     def price(self, effects: int) -> float:

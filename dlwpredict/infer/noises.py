@@ -10,7 +10,6 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate, estimate
-from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES
 from dlwpredict.noise.unevenness import Ground, Uneven
 from dlwpredict.numerics.parallel import ALONE, Workers
 
@@ -24,7 +23,6 @@ def noises(
     designs: Sequence[np.ndarray],
     *,
     repeats: Sequence[Sequence[HeightMap]] | None = None,
-    like: Sequence[NoiseEstimate] | None = None,
     slopes: Sequence[np.ndarray | float] | None = None,
     seed: int = 0,
     workers: Workers = ALONE,
@@ -40,8 +38,6 @@ def noises(
         What may be in the residuals besides noise.
     repeats : sequence of sequence of HeightMap, optional
         Further recordings of the same print, on the same grid, for each recording; may be empty.
-    like : sequence of NoiseEstimate, optional
-        Earlier estimates, whose kind of correlation and grain are kept.
     slopes : sequence of numpy.ndarray, shape (rows, cols), optional
         |∇f| of each recording, on which its noise may hang.
     seed : int
@@ -56,10 +52,9 @@ def noises(
             used, source = used & np.isfinite(difference), "repeats"
             residual, design = np.where(used, difference, 0.0), plane(recording.target)
         pitch = recording.target.dx_um, recording.target.dy_um
-        kinds = _kinds(like[k].model.even) if like else (SMOOTHNESSES, GRAINS_PX)
         slope = slopes[k] if slopes else 0.0
         ground = Ground(slope, recording.scanned_axes)
-        jobs.append((residual, used, pitch, design, kinds, ground, source, seed + k))
+        jobs.append((residual, used, pitch, design, ground, source, seed + k))
     return workers.each(_noise, jobs)
 
 
@@ -86,23 +81,17 @@ def scale_um(residual_um: np.ndarray) -> float:
     return max(float(1.4826 * np.median(np.abs(residual_um))), 1e-3)
 
 
-def _kinds(known: Noise) -> tuple[tuple[float], tuple[float]]:
-    """Return the smoothness and the grain (pixels) of a noise that is known."""
-    return (known.smoothness,), (known.grain_um / known.pitch_um,)
-
-
 def _noise(
     residual_um: np.ndarray,
     used: np.ndarray,
     pitch_um: tuple[float, float],
     design: np.ndarray,
-    kinds: tuple[Sequence[float], Sequence[float]],
     ground: Ground,
     source: str,
     seed: int,
 ) -> NoiseEstimate:
     forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, kinds, ground=ground, source=source, seed=seed)
+    return estimate(residual_um, used, pitch_um, forms, ground=ground, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
