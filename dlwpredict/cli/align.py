@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import hypot
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -26,6 +27,9 @@ FIGURES = True
 
 WRONG_PITCH = 0.05
 """No part that its base holds and no calibrated instrument differs from the target by this share sideways."""
+
+CERTIFIED, SURELY = 2e-3, 3.0
+"""What the certificate of a pixel pitch leaves open, and how many standard deviations beyond it are said."""
 
 
 def run(
@@ -86,6 +90,12 @@ def run(
     strain = max(abs(scale - 1) for scale in alignment.pose.scale)
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")
+    else:
+        for axis, scale, error in zip("xy", alignment.pose.scale, alignment.uncertainty["scale"], strict=True):
+            if abs(scale - 1) > SURELY * hypot(CERTIFIED, error):
+                said = f"{abs(100 * (scale - 1)):.2g} % {'narrower' if scale < 1 else 'wider'}"
+                leaves = "more than a certified pitch leaves open; it is taken out here"
+                warn(f"{recording}: {said} than the target along {axis}, {leaves}")
     if alignment.symmetry.endswith("fold"):
         warn(f"{target}: {alignment.symmetry} symmetry: of the equal rotations the smallest was taken")
     if alignment.symmetry == "round":
