@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from statistics import NormalDist
 
 import numpy as np
@@ -67,8 +68,8 @@ def exposed_surface(dose: Dose, threshold: float, reference: str, threads: int) 
         part = heights[outer]
         if part.any():
             columns = None if layers is None else Columns(layers[outer], part, from_glass=True)
-            kept = tuple(slice(s.start - o.start, s.stop - o.start) for s, o in zip(inner, outer, strict=True))
-            exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns, kept)
+            rows, cols = (slice(s.start - o.start, s.stop - o.start) for s, o in zip(inner, outer, strict=True))
+            exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns, (rows, cols))
             surface[inner] = _surface_of_tile(
                 exposure, threshold, None if thresholds is None else thresholds[inner], step
             )
@@ -143,16 +144,18 @@ class _Exposure:
 
     def highest_dose(self) -> np.ndarray | float:
         """Return the largest relative dose of each column as the focus sees it: exposure stays below it."""
-        if self.columns is None:
+        columns = self.columns
+        if columns is None:
             return 1.0
         written = (self.heights_um > 0).astype(np.float32)
         nominal = np.maximum(self._spread(lambda part: written), _TINY)
-        return np.maximum(self._spread(lambda part: self.columns.highest) / nominal, _TINY)
+        return np.maximum(self._spread(lambda part: columns.highest) / nominal, _TINY)
 
     def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
-        return sum(
+        parts = (
             part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um)[..., *self.kept] for part in self.focus
         )
+        return reduce(np.add, parts)
 
 
 def _surface_of_tile(exposure: _Exposure, threshold: float, factors: Layers | None, step: float) -> np.ndarray:

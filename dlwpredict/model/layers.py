@@ -71,7 +71,7 @@ class Layers:
             return self.weights[0], nominal(self.step_um)
         return (np.ones((1, 1), np.float32), self) if self.weights.shape[1:] == (1, 1) else None
 
-    def __getitem__(self, part: tuple[slice, slice]) -> Layers:
+    def __getitem__(self, part: tuple[slice, ...]) -> Layers:
         """Return the layers over a part of the plane."""
         return self if self.weights.shape[1:] == (1, 1) else replace(self, weights=self.weights[:, *part])
 
@@ -145,7 +145,7 @@ class Columns:
                 self.solid[j] = reduce(below)
             self.highest = highest * written
 
-    def convolved(self, z_um: Sequence[float], sigma_um: Sequence[float]) -> np.ndarray:
+    def convolved(self, z_um: Sequence[float] | np.ndarray, sigma_um: Sequence[float] | np.ndarray) -> np.ndarray:
         """Return the weighted solid ⊛ g at heights z, shape (heights, rows, cols), each with its own σ.
 
         Φ((h − z)/σ) for weights of 1, less Φ(−z/σ) without the glass.

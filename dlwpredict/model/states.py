@@ -38,7 +38,8 @@ DEPTH_UM = 10.0
 
 def depth_um(z_um: float | np.ndarray, power: float) -> float | np.ndarray:
     """Return z · (|z| / 10 µm)^(power − 1): the depth that an aberration counts by, µm."""
-    return z_um * (abs(z_um) / DEPTH_UM) ** (power - 1)
+    distance = np.abs(z_um) if isinstance(z_um, np.ndarray) else abs(z_um)
+    return z_um * (distance / DEPTH_UM) ** (power - 1)
 
 
 @dataclass(frozen=True)

@@ -83,6 +83,8 @@ class Voxels:
     def _slabs(self, crosslinked: Crosslinked) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield, slab of slices by slab of slices, m_cl and the exposed voxels, both (slices, rows, cols)."""
         packed, grid = crosslinked.exposed.solid, crosslinked.exposed.surface
+        if packed is None:
+            raise TypeError("the exposed resin was not found voxel by voxel")
         sigma_xy, sigma_z = crosslinked.fwhm_xy_um / FWHM_PER_SIGMA, crosslinked.fwhm_z_um / FWHM_PER_SIGMA
         count, (rows, cols) = 8 * len(packed), grid.shape
         axial, z = _axial_matrix(sigma_z / self.slice_um, count), self.centres(count)

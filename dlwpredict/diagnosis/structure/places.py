@@ -83,9 +83,9 @@ def locate(
     Patterns that are more than noise are places, too: a spot where free forms have not found it, waves and columns over
     the whole map, for no form follows them.
     """
-    lone = next((one for one in patterns if isinstance(one, Spot)), None)
-    wide = [one for one in patterns if one is not lone]
-    whole = max(beside.energy().excess, lone.excess if lone else 0.0, 0.0) + sum(one.excess for one in wide)
+    lone = next((pattern for pattern in patterns if isinstance(pattern, Spot)), None)
+    wide = [pattern for pattern in patterns if not isinstance(pattern, Spot)]
+    whole = max(beside.energy().excess, lone.excess if lone else 0.0, 0.0) + sum(pattern.excess for pattern in wide)
     whole = max(whole, 1e-9)
     places, maps = [], []
     for k, item in enumerate(fitted.data):
@@ -94,14 +94,15 @@ def locate(
         families = _families(forms, beside, k)
         if lone and lone.pair == k and "place" not in dict(families):
             families.append(("place", Energy(lone.excess, lone.p_value)))
-        for family, found in families:
+        for family, energy in families:
             x_um, y_um, middle = _box(item, score, maps[-1], local=family == "place")
             where = f"around x = {middle[0]:.1f}, y = {middle[1]:.1f} µm" if family == "place" else WHERE[family]
-            share = float(np.clip(found.excess / whole, 0, 1))
-            places.append(Place(k, where, share, found.p_value, x_um, y_um))
-    for one in wide:
-        x_um, y_um = _outline(fitted.data[one.pair].recording.target)
-        places.append(Place(one.pair, one.where, float(np.clip(one.excess / whole, 0, 1)), one.p_value, x_um, y_um))
+            share = float(np.clip(energy.excess / whole, 0, 1))
+            places.append(Place(k, where, share, energy.p_value, x_um, y_um))
+    for pattern in wide:
+        x_um, y_um = _outline(fitted.data[pattern.pair].recording.target)
+        share = float(np.clip(pattern.excess / whole, 0, 1))
+        places.append(Place(pattern.pair, pattern.where, share, pattern.p_value, x_um, y_um))
     return sorted(places, key=lambda place: -place.share), maps
 
 
@@ -128,8 +129,8 @@ def _following(forms: Forms, beside: Beside, k: int, left: list[str]) -> list[tu
     """Return families by how much more of the mismatch each explains, as long as that is more than noise."""
     level = 0.05 / (len(WHERE) * len(forms.families))
     columns, known, before = forms.places, np.zeros(0, dtype=int), 0.0
-    found: list[tuple[str, Energy]] = []
-    while left and len(found) < MOST_PLACES:
+    followed: list[tuple[str, Energy]] = []
+    while left and len(followed) < MOST_PLACES:
         joint = {family: beside.energy(np.append(known, columns[k, family])).excess - before for family in left}
         best = max(joint.values())
         if best <= 0:
@@ -138,10 +139,10 @@ def _following(forms: Forms, beside: Beside, k: int, left: list[str]) -> list[tu
         gained = Energy(joint[family], beside.energy(columns[k, family]).p_value)
         if gained.p_value > level or gained.excess < max(0.1 * before, 6.0):
             break
-        found.append((family, gained))
+        followed.append((family, gained))
         known, before = np.append(known, columns[k, family]), before + gained.excess
-        left = [other for other in left if other != family]
-    return found
+        left = [name for name in left if name != family]
+    return followed
 
 
 def _box(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from scipy import ndimage
@@ -64,7 +65,7 @@ class Bumps:
         """Learn the spread from drawn noise."""
         rng = np.random.default_rng(seed)
         draws = (rng.standard_normal(item.recording.points) for _ in range(SPREAD_DRAWS))
-        variance = sum(_matched(item, white) ** 2 for white in draws) / SPREAD_DRAWS
+        variance = reduce(np.add, (_matched(item, white) ** 2 for white in draws)) / SPREAD_DRAWS
         smooth = [ndimage.gaussian_filter(v, 2 * s, mode="nearest") for v, s in zip(variance, SCALES_PX, strict=True)]
         return cls(item, np.sqrt(np.maximum(smooth, 1e-30)))
 

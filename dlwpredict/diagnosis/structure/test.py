@@ -22,6 +22,9 @@ WAYS = 4
 
 SINGLE = policy.LEVEL_STRUCTURE / WAYS
 
+Pattern = Ripple | Spot | Columns
+"""Structure that has a form of its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
