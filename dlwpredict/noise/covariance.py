@@ -83,7 +83,7 @@ class Noise:
         grain = PURE * same + (1 - PURE) * matern(distance_um, self.grain_um, np.inf) if self.grain_um else same
         return self.correlated_um**2 * matern(distance_um, self.length_um, self.smoothness) + self.white_um**2 * grain
 
-    def covariance(self, shape: tuple[int, int]) -> np.ndarray:
+    def covariance(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return the covariance with pixel (0, 0) on a periodic grid, µm², shape ``shape``."""
         rows, cols = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
         quarter = np.hypot(np.arange(rows.max() + 1)[:, None] * self.dy_um, np.arange(cols.max() + 1) * self.dx_um)

@@ -71,7 +71,7 @@ class Neighbourhood:
         """
         offsets = _offsets(near_px, far_px)
         reach = int(np.abs(offsets).max())
-        number = np.full(np.add(used.shape, 2 * reach), -1, dtype=np.int32)
+        number: np.ndarray = np.full(np.add(used.shape, 2 * reach), -1, dtype=np.int32)
         inner = number[reach:-reach, reach:-reach]
         inner[used] = np.arange(int(used.sum()))
         place = (np.flatnonzero(number >= 0)[:, None]) + offsets @ (number.shape[1], 1)
