@@ -113,7 +113,8 @@ def _step(now: Fit, damping: float) -> tuple[np.ndarray, float]:
     width = high - low
     matrix = now.nuisances.beside(now.jacobian @ (bending(free, vector) * width))
     sizes = np.linalg.norm(matrix, axis=0)
-    triangle = np.linalg.qr(np.column_stack([matrix, now.residual]), mode="r")
+    stacked = np.column_stack([matrix, now.residual])
+    triangle: np.ndarray = np.linalg.qr(stacked, mode="r")  # type: ignore[assignment]  # NumPy's stub has no modes
     columns = matrix.shape[1]
     whole, goal = triangle[:columns, :columns], triangle[:columns, columns]
     ridge = np.diag(np.sqrt(damping) * np.maximum(sizes, 1e-6 * sizes.max(initial=1e-12)))

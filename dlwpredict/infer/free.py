@@ -9,7 +9,7 @@ import numpy as np
 
 from dlwpredict.effects.base import Effect
 from dlwpredict.errors import InputError
-from dlwpredict.parameters import Declaration, ParameterSet, declarations
+from dlwpredict.parameters import Declaration, Paper, ParameterSet, declarations
 
 
 def fittable(parameters: ParameterSet) -> dict[str, Declaration]:
@@ -38,7 +38,8 @@ def standing(parameters: ParameterSet, name: str) -> str:
 def value_of(parameters: ParameterSet, name: str) -> float:
     """Return one parameter by its flat name; of what effects share the largest, as the model does."""
     key = name.rpartition(".")[2]
-    return max(float(getattr(holder, key)) for holder in _holders(parameters, name) or [parameters.paper])
+    holders: Sequence[Effect | Paper] = _holders(parameters, name) or [parameters.paper]
+    return max(float(getattr(holder, key)) for holder in holders)
 
 
 def with_values(parameters: ParameterSet, values: Mapping[str, float]) -> ParameterSet:

@@ -55,9 +55,13 @@ def levelled(kind: type[Effect], name: str) -> bool:
     return name.startswith("centre_") and kind.stage == "recording"
 
 
-@cache
 def matters(kind: type[Effect], switch: str, name: str) -> bool:
     """Tell whether a shape parameter changes anything while this switch is on, by trying it on a small part."""
+    return _matters(kind, switch, name)  # type: ignore[arg-type]  # mypy takes no class for Hashable
+
+
+@cache
+def _matters(kind: type[Effect], switch: str, name: str) -> bool:
     heights = np.zeros((20, 20))
     heights[4:16, 4:16] = np.linspace(2, 6, 12)
     default, declared = declarations(kind)[name]

@@ -67,10 +67,14 @@ class Nuisances:
     above: tuple[np.ndarray, ...]
     below: tuple[np.ndarray, ...]
 
+    def __bool__(self) -> bool:
+        """Whether the bases are kept: a light fit has none."""
+        return bool(self.above)
+
     def beside(self, values: np.ndarray) -> np.ndarray:
         """Return values (rows, ...) without what the nuisances take of them."""
         left = np.array(values, dtype=np.result_type(values, np.float32))
-        for k, (above, below) in enumerate(zip(self.above, self.below, strict=True)):
+        for k, above, below in zip(range(self.rows.recordings), self.above, self.below, strict=True):
             data, prior = self.rows.of(k), self.rows.nuisance_priors(k)
             along = above.T @ values[data] + below.T @ values[prior]
             left[data] -= above @ along
@@ -119,8 +123,8 @@ class Fit:
     @property
     def light(self) -> Fit:
         """The fit as a place with a cost: what derivatives and predictions it went through is not kept."""
-        traces, nothing = tuple(one.bare for one in self.traces), np.zeros((0, len(self.vector)))
-        return replace(self, traces=traces, jacobian=nothing, nuisances=None)
+        traces, jacobian = tuple(trace.bare for trace in self.traces), np.zeros((0, len(self.vector)))
+        return replace(self, traces=traces, jacobian=jacobian, nuisances=Nuisances(self.rows, (), ()))
 
     @cached_property
     def parameters(self) -> ParameterSet:
@@ -244,12 +248,12 @@ class Objective:
     def differentiated(self, now: Fit, known: Fit | None = None) -> Fit:
         """Return the fit with whitened derivatives by its parameters; those that an earlier fit has are taken over."""
         names = now.free.names
-        have = {name: k for k, name in enumerate(known.free.names)} if known else {}
+        have = dict(zip(known.free.names, known.jacobian.T, strict=True)) if known else {}
         missing = [k for k, name in enumerate(names) if name not in have]
         jacobian = np.zeros((self.rows.total, len(names)))
         for k, name in enumerate(names):
             if name in have:
-                jacobian[:, k] = known.jacobian[:, have[name]]
+                jacobian[:, k] = have[name]
         if missing:
             parts = [now.seen(k, maps) for k, maps in enumerate(self.derivatives(now, missing))]
             jacobian[:, missing] = self.rows.stack(parts)
