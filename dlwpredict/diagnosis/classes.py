@@ -138,7 +138,7 @@ def strengths(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> d
 
     What effects share stands under the name of one of them.
     """
-    found = {}
+    found: dict[str, dict[str, float | str]] = {}
     for name, (_, declared) in declarations(effect).items():
         places = [k for k in intervals if k == f"{effect.name}.{name}" or (declared.shared and k.endswith(f".{name}"))]
         if places:

@@ -158,7 +158,7 @@ def separation(rows: np.ndarray, free: int) -> Separation:
         one, other = (free + member for member in pair)
         visible = np.linalg.norm(_left(rows[:, one], unit[:, parameters]))
         sd = np.linalg.norm(_left(rows[:, one], unit[:, [*parameters, other]]))
-        apart.append(Separation(pair, float(sd), float(sd / max(visible, 1e-12))))
+        apart.append(Separation(pair, float(sd), float(sd / np.maximum(visible, 1e-12))))
     return min(apart, key=lambda pair: pair.worth)
 
 
@@ -169,7 +169,8 @@ def _left(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 def triangle_of(columns: np.ndarray, nuisances: Nuisances) -> np.ndarray:
     """Return columns beside nuisances as a triangle with the same scalar products."""
-    return np.linalg.qr(nuisances.beside(columns), mode="r")
+    triangle: np.ndarray = np.linalg.qr(nuisances.beside(columns), mode="r")  # type: ignore[assignment]  # NumPy's stub
+    return triangle
 
 
 def present_columns(fitted: Fit, members: Sequence[Effect]) -> np.ndarray:

@@ -165,7 +165,7 @@ def _finding(found: Diagnosis, item: Named, intervals: Ends) -> dict[str, Any]:
 
 def _strengths(effect: Effect, intervals: Ends) -> dict[str, dict[str, Any]]:
     return {
-        name: {key: _short(v) if key != "unit" else v for key, v in values.items()}
+        name: {key: v if isinstance(v, str) else _short(v) for key, v in values.items()}
         for name, values in strengths(effect, intervals).items()
     }
 
@@ -201,7 +201,7 @@ def _share(value: float) -> float:
     return float(f"{value:.4g}") if value < 0.9999 else float(min(value, 1.0))
 
 
-def _lines(lines: Lines) -> dict[str, float]:
+def _lines(lines: Lines) -> dict[str, float | None]:
     """Return the parts that the noise of lines has: offsets independent, drifting, swinging; tilts."""
     parts = {"white_um": lines.white_um, "tilt_um": lines.tilt_um}
     parts |= {"drift_um": lines.red_um, "drift_lines": lines.red_lines} if lines.red_um else {}

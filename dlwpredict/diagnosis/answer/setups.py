@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlwpredict.designs import KINDS
-from dlwpredict.effects.base import Effect
+from dlwpredict.effects.base import Effect, Frame
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Fit
 
@@ -66,7 +66,7 @@ def telling(fitted: Fit, signatures: np.ndarray) -> list[int]:
     return [int(k) for k in np.argsort(shares)[::-1][:MOST_PRESENT]]
 
 
-def _of_present(fitted: Fit, k: int, frames: set[str]) -> list[Setup]:
+def _of_present(fitted: Fit, k: int, frames: set[Frame]) -> list[Setup]:
     """Return recordings of a present sample, and prints of a present target; turns where they move anything."""
     target, name = fitted.data[k].recording.target, fitted.data[k].recording.name
     found = []

@@ -27,7 +27,7 @@ def extended(found: Diagnosis, profiled: Mapping[str, tuple[float, float]] | Non
     """
     fitted, now = found.extended.fit, profiled is None
     either = undecided(found.named, fitted, found.fitter, refit=not now)
-    ends = found.intervals(fitted).as_dict() if now else dict(profiled)
+    ends = found.intervals(fitted).as_dict() if profiled is None else dict(profiled)
     return replace(fitted.parameters, undecided=either, intervals=ends)
 
 

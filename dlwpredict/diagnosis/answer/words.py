@@ -8,7 +8,7 @@ from typing import Any
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.run import Diagnosis
-from dlwpredict.diagnosis.structure.test import SINGLE
+from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
 
@@ -116,10 +116,11 @@ def kind_of_remainder(found: Diagnosis) -> str:
     """Return what is left: none, smooth, ripple, spot or columns."""
     if not found.extended.unexplained:
         return "none"
-    strangest = min(found.extended.patterns, key=lambda one: (one.p_value, -one.excess))
+    patterns: Sequence[Pattern] = found.extended.patterns
+    strangest = min(patterns, key=lambda pattern: (pattern.p_value, -pattern.excess))
     if strangest.p_value >= SINGLE:
         return "smooth"
-    return dict(zip(found.extended.patterns, ("ripple", "spot", "columns"), strict=True))[strangest]
+    return dict(zip(patterns, ("ripple", "spot", "columns"), strict=True))[strangest]
 
 
 def remainder(found: Diagnosis) -> str:

@@ -55,7 +55,7 @@ class Candidate:
     @property
     def unit(self) -> float:
         """Change of the switch from off to its typical size."""
-        return self.declaration.typical - self.off
+        return self.effect.switches()[self.switch] - self.off
 
     @property
     def one_sided(self) -> int:

@@ -72,8 +72,8 @@ def hidden(whole: np.ndarray, lengths: np.ndarray, chosen: Sequence[Candidate]) 
 
     Second columns, which `Bent` are, are none.
     """
-    taken = np.flatnonzero((whole >= policy.SEEN) & (lengths < policy.TAKEN * whole))
-    return [int(k) for k in taken if not isinstance(chosen[k], Bent)]
+    taken = np.flatnonzero((whole >= policy.SEEN) & (lengths < policy.TAKEN * whole)).tolist()
+    return [k for k in taken if not isinstance(chosen[k], Bent)]
 
 
 def answered(objective: Objective, model: Fit, candidate: Bent) -> Fit:
