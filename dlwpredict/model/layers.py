@@ -51,8 +51,8 @@ class Layers:
         parts = [heights[i : i + LAYERS_AT_ONCE] for i in range(0, len(heights), LAYERS_AT_ONCE)]
 
         def planes(z_um: np.ndarray) -> np.ndarray:
-            found = np.asarray(weight_at(z_um), dtype=np.float32)
-            return found.reshape((1,) * (3 - found.ndim) + found.shape)
+            weight = np.asarray(weight_at(z_um), dtype=np.float32)
+            return weight.reshape((1,) * (3 - weight.ndim) + weight.shape)
 
         lowest = planes(parts[0])
         if len(lowest) == 1:

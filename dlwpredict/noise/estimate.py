@@ -126,7 +126,7 @@ def estimate(
     place = places[0] - np.clip(places[1:].mean(axis=0) - centre, -1, 1)
     model = _floored(model_at(model, place))
     near, none = every.whitener(model), (Lines(), Unevenness(0.0, 0.0))
-    (rows, _), (columns, surely) = (even.found(near, axis) if axis in ground.axes else none for axis in (0, 1))
+    (rows, _), (columns, surely) = (even.line_noise(near, axis) if axis in ground.axes else none for axis in (0, 1))
     uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows, columns)
     return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely)
 
@@ -143,9 +143,9 @@ def _searched(
     chosen = every[some]
     model, place = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
     seen = even.seen(every.whitener(model))
-    while (found := _more_even(seen)) is not seen.even:
-        model, place = most_likely(Likelihood.of(found, chosen, model), model, kinds, grains_px)
-        seen = found.seen(every.whitener(model))
+    while (evened := _more_even(seen)) is not seen.even:
+        model, place = most_likely(Likelihood.of(evened, chosen, model), model, kinds, grains_px)
+        seen = evened.seen(every.whitener(model))
     return seen, model, place
 
 
@@ -154,13 +154,13 @@ def _more_even(seen: Seen) -> Evened:
     even = seen.even
     left = [way for way in even.members if way not in even.ways]
     open_ways = [(axis, order) for axis, order in left if order == OFFSET or (axis, OFFSET) in even.ways]
-    lines_found = {way: seen.lines(way) for way in open_ways}
-    if any(one.found for one in lines_found.values()):
-        return replace(even, ways=(*even.ways, max(lines_found, key=lambda way: lines_found[way].gain)))
-    growths = {power: seen.jitter(power) for power in POWERS} if not even.growth else {}
-    if any(one.found for one in growths.values()):
-        power = max(growths, key=lambda one: growths[one].gain)
-        return replace(even, growth=growths[power].size, power=power)
+    by_way = {way: seen.lines(way) for way in open_ways}
+    if any(unevenness.found for unevenness in by_way.values()):
+        return replace(even, ways=(*even.ways, max(by_way, key=lambda way: by_way[way].gain)))
+    by_power = {power: seen.jitter(power) for power in POWERS} if not even.growth else {}
+    if any(unevenness.found for unevenness in by_power.values()):
+        power = max(by_power, key=lambda power: by_power[power].gain)
+        return replace(even, growth=by_power[power].size, power=power)
     return even
 
 

@@ -50,11 +50,11 @@ def most_likely(
     templates = [replace(like, smoothness=kind, grain_um=grains_px[0] * like.pitch_um) for kind in kinds]
     lengths = np.minimum(np.log(like.pitch_um * np.array(LENGTHS_PX)), likelihood.bounds(like.pitch_um)[1, 1])
     grid = np.array([(share, length) for share in SHARES for length in lengths])
-    rough, _ = likelihood.profiled([(one, place) for one in templates for place in grid])
+    rough, _ = likelihood.profiled([(template, place) for template in templates for place in grid])
     ends = _polished(likelihood, templates, grid[rough[:, 0].reshape(len(kinds), -1).argmin(axis=1)], STEPS)
     tried = [_lowest(ends, templates)]
     for grain in grains_px[1:]:
-        templates = [replace(one, grain_um=grain * like.pitch_um) for one in templates]
+        templates = [replace(template, grain_um=grain * like.pitch_um) for template in templates]
         ends = _polished(likelihood, templates, [end[:2] for _, end in ends], STEPS[1:])
         tried.append(_lowest(ends, templates))
         if int(np.argmin([deviance for deviance, _, _ in tried])) < len(tried) - WITHOUT_GAIN:
@@ -77,7 +77,7 @@ def _polished(
     """Return −2 ln L and place (with the scale) where parabolas of ever smaller steps lead, of each template."""
     low, high = likelihood.bounds(templates[0].pitch_um)
     for step in steps:
-        around = [(model, place + step * one) for model, place in zip(templates, places, strict=True) for one in NINE]
+        around = [(model, place + step * node) for model, place in zip(templates, places, strict=True) for node in NINE]
         deviances, _ = likelihood.profiled(around)
         moves = [lowest_of(PARABOLA @ nine, 2.0) for nine in deviances[:, 0].reshape(-1, 9)]
         places = [np.clip(place + step * move, low, high) for place, move in zip(places, moves, strict=True)]

@@ -88,8 +88,8 @@ class Likelihood:
         trials : sequence of (Noise, place)
             Templates, and logit of the share and log length.
         """
-        found = [self._some_profiled(trials[k : k + _MODELS]) for k in range(0, len(trials), _MODELS)]
-        deviances, scales = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        chunks = [self._some_profiled(trials[k : k + _MODELS]) for k in range(0, len(trials), _MODELS)]
+        deviances, scales = (np.concatenate(parts) for parts in zip(*chunks, strict=True))
         return deviances + _weak_prior(trials)[:, None], scales
 
     def _some_profiled(self, trials: Sequence[tuple[Noise, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

@@ -74,9 +74,9 @@ class Lines:
         """Return the covariance of the offsets of successive lines, µm², shape (count, count)."""
         lag = np.arange(count)
         swing = np.exp(-lag / self.hum_lines) * np.cos(2 * np.pi * lag / self.period_lines)
-        one = self.red_um**2 * np.exp(-lag / self.red_lines) + self.hum_um**2 * swing
-        one[0] += self.white_um**2
-        return linalg.toeplitz(one)
+        covariances = self.red_um**2 * np.exp(-lag / self.red_lines) + self.hum_um**2 * swing
+        covariances[0] += self.white_um**2
+        return linalg.toeplitz(covariances)
 
     def root(self, count: int) -> np.ndarray:
         """Return L with L·Lᵀ the covariance of the offsets, µm, shape (count, count)."""
@@ -108,15 +108,15 @@ def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float) -> Lines
     known = Lines(white_um)
     gain = _gain(known, energies, along)
     half = white_um / np.sqrt(2)
-    found, better = _climbed(replace(known, white_um=half, red_um=half, red_lines=4.0), energies, along)
-    if found.red_um**2 > SMALLEST * found.offset_um**2 and special.chdtrc(2, max(better - gain, 0.0)) < LEVEL:
-        known, gain = found, better
+    with_drift, better = _climbed(replace(known, white_um=half, red_um=half, red_lines=4.0), energies, along)
+    if with_drift.red_um**2 > SMALLEST * with_drift.offset_um**2 and special.chdtrc(2, max(better - gain, 0.0)) < LEVEL:
+        known, gain = with_drift, better
     period, trials = _strongest_period(known, energies, along)
     share = known.offset_um / 2
-    found, better = _climbed(replace(known, hum_um=share, hum_lines=15.0, period_lines=period), energies, along)
+    with_hum, better = _climbed(replace(known, hum_um=share, hum_lines=15.0, period_lines=period), energies, along)
     chance = min(trials * float(special.chdtrc(3, max(better - gain, 0.0))), 1.0)
-    if found.hum_um**2 > SMALLEST * found.offset_um**2 and chance < LEVEL:
-        known = found
+    if with_hum.hum_um**2 > SMALLEST * with_hum.offset_um**2 and chance < LEVEL:
+        known = with_hum
     return known
 
 
@@ -144,8 +144,8 @@ def _climbed(start: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[Lin
 
     simplex = np.vstack([begun, begun + np.diag(steps)])
     options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 0.02, "fatol": 0.1}
-    found = optimize.minimize(lambda x: -_gain(at(x), energies, along), begun, method="Nelder-Mead", options=options)
-    return at(found.x), float(-found.fun)
+    minimum = optimize.minimize(lambda x: -_gain(at(x), energies, along), begun, method="Nelder-Mead", options=options)
+    return at(minimum.x), float(-minimum.fun)
 
 
 def _strongest_period(lines: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[float, float]:

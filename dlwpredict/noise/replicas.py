@@ -27,8 +27,8 @@ def repeated(
     step = STEPS[-1]
     for _ in range(RECENTRED):
         before = place
-        ((*found, scale),), bend = _parabolic(likelihood, model, place, step)
-        place = np.clip(found, low, high)
+        ((*lowest, scale),), bend = _parabolic(likelihood, model, place, step)
+        place = np.clip(lowest, low, high)
         step = np.clip(1.5 / np.sqrt(np.maximum(bend, 1e-12)), STEPS[-1] / 4, 5 * STEPS[-1])
         if np.abs(place - before).max() < STEPS[-1].min():
             break
@@ -42,9 +42,9 @@ def _parabolic(
     likelihood: Likelihood, model: Noise, place: np.ndarray, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the most likely place of every map (maps, 3), and how its −2 ln L bends along share and length."""
-    deviances, scales = likelihood.profiled([(model, place + step * one) for one in NINE])
+    deviances, scales = likelihood.profiled([(model, place + step * node) for node in NINE])
     terms = PARABOLA @ deviances
-    moves = np.array([lowest_of(one, 3.0) for one in terms.T])
+    moves = np.array([lowest_of(parabola, 3.0) for parabola in terms.T])
     u, v = moves.T
     heights = np.sum(np.stack([np.ones(len(u)), u, v, u**2 / 2, u * v, v**2 / 2]) * (PARABOLA @ scales), axis=0)
     return np.column_stack([place + step * moves, heights]), terms[[3, 5]].mean(axis=1) / step**2 / 2

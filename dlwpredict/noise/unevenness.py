@@ -95,8 +95,10 @@ class Uneven:
     @property
     def ways(self) -> tuple[bool, ...]:
         """In which ways it is uneven."""
-        lines = (size > 0 for one in (self.rows, self.columns) for size in (one.red_um, one.hum_um, one.tilt_um))
-        return (self.jitter_um > 0, self.row_um > 0, self.column_um > 0, *lines)
+        parts = (
+            size > 0 for lines in (self.rows, self.columns) for size in (lines.red_um, lines.hum_um, lines.tilt_um)
+        )
+        return (self.jitter_um > 0, self.row_um > 0, self.column_um > 0, *parts)
 
     def scale(self, slope: np.ndarray | float) -> np.ndarray:
         """Return how many times stronger ε is on a slope |∇f| than on flat ground."""
@@ -212,16 +214,16 @@ class Evened:
         basis, turn = orthonormal(near @ design)
         return Seen(self, near, values - design @ (turn @ (basis.T @ (near @ values))), basis)
 
-    def found(self, near: sparse.csr_array, axis: int) -> tuple[Lines, Unevenness]:
+    def line_noise(self, near: sparse.csr_array, axis: int) -> tuple[Lines, Unevenness]:
         """Estimate the offsets and tilts of rows or columns, and how sure they are, beside all other ways."""
-        own = {way: tuple(other for other in self.ways if other != way) for way in ((axis, OFFSET), (axis, TILT))}
-        offsets = replace(self, ways=own[axis, OFFSET]).seen(near)
+        others = {way: tuple(known for known in self.ways if known != way) for way in ((axis, OFFSET), (axis, TILT))}
+        offsets = replace(self, ways=others[axis, OFFSET]).seen(near)
         independent = offsets.lines((axis, OFFSET))
         if not independent.found:
             return Lines(), independent
         process = likeliest(*offsets.products((axis, OFFSET)), independent.found)
         if (axis, TILT) in self.ways:
-            tilts = replace(self, ways=own[axis, TILT]).seen(near).lines((axis, TILT))
+            tilts = replace(self, ways=others[axis, TILT]).seen(near).lines((axis, TILT))
             process = replace(process, tilt_um=tilts.found)
         return process, independent
 
@@ -304,5 +306,5 @@ def orthonormal(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _likeliest(gain: Callable[[float], float], ends: tuple[float, float]) -> Unevenness:
-    found = optimize.minimize_scalar(lambda log_size: -gain(log_size), bounds=np.log(ends), method="bounded")
-    return Unevenness(float(np.exp(found.x)), gain(found.x))
+    minimum = optimize.minimize_scalar(lambda log_size: -gain(log_size), bounds=np.log(ends), method="bounded")
+    return Unevenness(float(np.exp(minimum.x)), gain(minimum.x))

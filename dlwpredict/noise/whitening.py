@@ -122,8 +122,8 @@ class Neighbourhood:
                 parts = np.linalg.solve(inverse[:, lost[:, :, None], lost[:, None, :]], all_known[:, lost])
                 without[:, some[:, None], lost] = parts[..., 0]
         coefficients = np.where(missing, 0.0, all_known[:, None, :, 0] - without @ inverse)
-        own = np.array([noise.sigma_um**2 for noise in noises])
-        return coefficients, own[:, None] - (coefficients @ towards)[..., 0]
+        marginal = np.array([noise.sigma_um**2 for noise in noises])
+        return coefficients, marginal[:, None] - (coefficients @ towards)[..., 0]
 
     def whitener(self, noise: Noise) -> sparse.csr_array:
         """Return W (points, points) for all measured points: W·ε has nearly independent entries of variance 1."""
@@ -141,9 +141,9 @@ def lines(used: np.ndarray, axis: int, order: int = OFFSET) -> sparse.csr_array:
 
     1 for an offset; the place along the line, from −1 to 1 over the map, for a tilt.
     """
-    place, other = np.nonzero(used)[axis], np.nonzero(used)[1 - axis]
-    values = np.linspace(-1, 1, used.shape[1 - axis])[other] ** order
-    return sparse.csr_array((values, (np.arange(len(place)), place)), shape=(len(place), used.shape[axis]))
+    line, place = np.nonzero(used)[axis], np.nonzero(used)[1 - axis]
+    values = np.linspace(-1, 1, used.shape[1 - axis])[place] ** order
+    return sparse.csr_array((values, (np.arange(len(line)), line)), shape=(len(line), used.shape[axis]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,12 +180,12 @@ class Whitener:
             scale = np.broadcast_to(noise.scale(slope), used.shape)[used]
             near.data /= scale[near.indices]
         parts, roots = [], []
-        for axis, own in enumerate((noise.rows, noise.columns)):
-            for order, size in ((OFFSET, own.offset_um), (TILT, own.tilt_um)):
+        for axis, process in enumerate((noise.rows, noise.columns)):
+            for order, size in ((OFFSET, process.offset_um), (TILT, process.tilt_um)):
                 if size > 0:
                     count = used.shape[axis]
                     parts.append(lines(used, axis, order))
-                    roots.append(own.root(count) if order == OFFSET else size * np.eye(count))
+                    roots.append(process.root(count) if order == OFFSET else size * np.eye(count))
         if not parts:
             return cls(near, sparse.csr_array((near.shape[0], 1)), np.zeros((1, 1)), np.zeros((1, 1)))
         offsets, root = sparse.csr_array(near @ sparse.hstack(parts)), linalg.block_diag(*roots)
