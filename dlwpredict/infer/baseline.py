@@ -57,13 +57,13 @@ def rough(
     predicted = [predict(r.target, start, as_measured=True).heights_um for r in recordings]
     work.predictions += 1
     left = [(r.measured.heights_um - p)[r.used] for r, p in zip(recordings, predicted, strict=True)]
-    sigmas, own = [scale_um(values - np.median(values)) for values in left], Work(stop=work.stop)
+    sigmas, coarse_work = [scale_um(values - np.median(values)) for values in left], Work(stop=work.stop)
     if factor > 1:
         coarse = [coarser(r, factor) for r in recordings]
         for _ in range(2):
-            fit = _white(coarse, sigmas, start, free, known, own)
+            fit = _white(coarse, sigmas, start, free, known, coarse_work)
             start, sigmas = fit.parameters, _left(fit)
-        work.predictions += own.predictions / factor**2
+        work.predictions += coarse_work.predictions / factor**2
     fit = _white(recordings, sigmas, start, free, known, work)
     if spikes:
         kept = [without_spikes(r, residual) for r, residual in zip(recordings, fit.residuals_um(), strict=True)]

@@ -136,10 +136,10 @@ def _ordered(free: Free, here: np.ndarray, change: np.ndarray, width: np.ndarray
     gap, closing = here[b] - here[a], change[a] * width[a] - change[b] * width[b]
     if closing <= gap:
         return change
-    found = change.copy()
+    shortened = change.copy()
     middle = (here[a] + change[a] * width[a] + here[b] + change[b] * width[b]) / 2
-    found[a], found[b] = (middle - here[a]) / width[a], (middle - here[b]) / width[b]
-    return found
+    shortened[a], shortened[b] = (middle - here[a]) / width[a], (middle - here[b]) / width[b]
+    return shortened
 
 
 def _broyden(now: Fit, trial: Fit) -> np.ndarray:

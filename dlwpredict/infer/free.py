@@ -50,22 +50,22 @@ def with_values(parameters: ParameterSet, values: Mapping[str, float]) -> Parame
     InputError
         A value lies outside its declared range, or κ_min above κ_max.
     """
-    own: dict[str, dict[str, float]] = {effect.name: {} for effect in parameters.effects}
+    settings: dict[str, dict[str, float]] = {effect.name: {} for effect in parameters.effects}
     for name, value in values.items():
         for holder in _holders(parameters, name):
-            own[holder.name][name.rpartition(".")[2]] = float(value)
+            settings[holder.name][name.rpartition(".")[2]] = float(value)
     seven = {name: float(value) for name, value in values.items() if "." not in name}
-    effects = tuple(replace(effect, **own[effect.name]) for effect in parameters.effects)
+    effects = tuple(replace(effect, **settings[effect.name]) for effect in parameters.effects)
     return replace(parameters, paper=replace(parameters.paper, **seven), effects=effects)
 
 
 def _holders(parameters: ParameterSet, name: str) -> list[Effect]:
     """Return the effects that hold a parameter: one, or all that share it; none for the seven and unknown names."""
-    effect, _, key = name.rpartition(".")
-    holders = [other for other in parameters.effects if key in declarations(other)] if effect else []
-    if any(declarations(other)[key][1].shared for other in holders):
-        return holders if any(other.name == effect for other in holders) else []
-    return [other for other in holders if other.name == effect]
+    owner, _, key = name.rpartition(".")
+    holders = [effect for effect in parameters.effects if key in declarations(effect)] if owner else []
+    if any(declarations(effect)[key][1].shared for effect in holders):
+        return holders if any(effect.name == owner for effect in holders) else []
+    return [effect for effect in holders if effect.name == owner]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def choose(parameters: ParameterSet, *, fix: Sequence[str] = (), free: Sequence[
 
 
 def _bounds(name: str, declaration: Declaration, parameters: ParameterSet) -> tuple[float, float]:
-    given = [limits for other, limits in parameters.bounds.items() if standing(parameters, other) == name]
+    given = [limits for key, limits in parameters.bounds.items() if standing(parameters, key) == name]
     low = max([declaration.low, *(low for low, _ in given)])
     high = min([declaration.high, *(high for _, high in given)])
     if not low < high:

@@ -118,7 +118,7 @@ class _Linear:
 
     fitted: Fit
     matrix: np.ndarray
-    own: tuple[slice, ...]
+    nuisance_columns: tuple[slice, ...]
     products: np.ndarray
     right: np.ndarray
 
@@ -126,14 +126,14 @@ class _Linear:
     def of(cls, fitted: Fit) -> _Linear:
         rows, nuisances = fitted.rows, fitted.nuisances
         first = np.cumsum([fitted.jacobian.shape[1], *(above.shape[1] for above in nuisances.above)])
-        own = tuple(slice(int(a), int(b)) for a, b in pairwise(first))
+        nuisance_columns = tuple(slice(int(a), int(b)) for a, b in pairwise(first))
         matrix = np.zeros((rows.total, int(first[-1])))
         matrix[:, : first[0]] = fitted.jacobian
-        for k, columns in enumerate(own):
+        for k, columns in enumerate(nuisance_columns):
             matrix[rows.of(k), columns] = nuisances.above[k]
             matrix[rows.nuisance_priors(k), columns] = nuisances.below[k]
         matrix /= np.maximum(np.linalg.norm(matrix, axis=0), 1e-12)
-        return cls(fitted, matrix, own, matrix.T @ matrix, matrix.T @ fitted.residual)
+        return cls(fitted, matrix, nuisance_columns, matrix.T @ matrix, matrix.T @ fitted.residual)
 
     def scored(self, unseen: np.ndarray, test: np.ndarray, k: int, *, own_nuisances: bool) -> tuple[float, int]:
         """Fit without the unseen rows and score on the test rows of recording k: µm² and points."""
@@ -143,7 +143,7 @@ class _Linear:
         right = self.right - out.T @ fitted.residual[unseen]
         moved = self.matrix @ (vectors[:, real] @ ((vectors[:, real].T @ right) / values[real]))
         if own_nuisances:
-            basis = self.matrix[test, self.own[k]]
+            basis = self.matrix[test, self.nuisance_columns[k]]
             moved[test] += basis @ np.linalg.lstsq(basis, (fitted.residual - moved)[test], rcond=1e-6)[0]
         item, rows = fitted.data[k], fitted.rows.of(k)
         micrometres, inside = item.whitener.solve(moved[rows]), test[rows]

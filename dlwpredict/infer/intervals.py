@@ -58,17 +58,17 @@ def considered(fitted: Fit, work: Work) -> np.ndarray:
         return np.zeros(len(fitted.vector))
     squares = replace(process, readings=replace(process.readings, pixels="squares"))
     changes, points = [], sum(item.recording.target.heights_um.size for item in fitted.data)
-    for k, one in enumerate(fitted.traces):
-        read = trace(fitted.data[k].recording.target, squares, one.numerics, one)
+    for k, known in enumerate(fitted.traces):
+        read = trace(fitted.data[k].recording.target, squares, known.numerics, known)
         work.predictions += read.work * fitted.data[k].recording.target.heights_um.size / points
-        changes.append(fitted.seen(k, np.nan_to_num(read.heights_um - one.heights_um)[None]))
+        changes.append(fitted.seen(k, np.nan_to_num(read.heights_um - known.heights_um)[None]))
     per_share = fitted.rows.stack(changes)[:, 0] / (1 - process.readings.square_share)
     return np.sqrt(1 / 12) * np.abs(per_share @ fitted.estimators)
 
 
 def _sandwich(fitted: Fit, unit: np.ndarray) -> np.ndarray:
     """Return the variance along unit columns (rows, columns) that the residual's blocks show."""
-    found = np.zeros(unit.shape[1])
+    variances = np.zeros(unit.shape[1])
     for item, part, residual in zip(
         fitted.data, fitted.rows.split(unit), fitted.rows.split(fitted.residual), strict=True
     ):
@@ -78,8 +78,8 @@ def _sandwich(fitted: Fit, unit: np.ndarray) -> np.ndarray:
         )
         sums = np.zeros((BLOCKS**2, unit.shape[1]))
         np.add.at(sums, row * BLOCKS + col, part * residual[:, None])
-        found += np.sum(sums**2, axis=0)
-    return found
+        variances += np.sum(sums**2, axis=0)
+    return variances
 
 
 def linear(free: Free, vector: np.ndarray, sd: np.ndarray) -> np.ndarray:
@@ -89,11 +89,11 @@ def linear(free: Free, vector: np.ndarray, sd: np.ndarray) -> np.ndarray:
     better.
     """
     reach = NORMAL * sd
-    found = np.stack([vector - reach, vector + reach], axis=1)
+    ends = np.stack([vector - reach, vector + reach], axis=1)
     for k in np.flatnonzero((free.low > 0) & (vector > 0)):
         factor = np.exp(min(reach[k] / vector[k], 50.0))
-        found[k] = vector[k] / factor, vector[k] * factor
-    return np.stack(free.cut(*found.T), axis=1)
+        ends[k] = vector[k] / factor, vector[k] * factor
+    return np.stack(free.cut(*ends.T), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,9 +210,9 @@ def held(objective: Objective, near: Fit, k: int, place: float) -> float:
     base = _with(near.parameters, free, near.vector, k, place)
     part = Free(base, tuple(free.names[i] for i in others), free.low[others], free.high[others])
     begun = objective.at(part, part.allowed(part.start), near)
-    found = descend(objective, replace(begun, jacobian=near.jacobian[:, others]), secant=True, steps=4)
+    fit = descend(objective, replace(begun, jacobian=near.jacobian[:, others]), secant=True, steps=4)
     prior = objective.known.get(free.names[k])
-    return found.cost + (prior.row(place)[0] ** 2 if prior else 0.0)
+    return fit.cost + (prior.row(place)[0] ** 2 if prior else 0.0)
 
 
 def _with(parameters: ParameterSet, free: Free, vector: np.ndarray, k: int, place: float) -> ParameterSet:

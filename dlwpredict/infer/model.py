@@ -37,7 +37,7 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
 
 def moving(parameters: ParameterSet, like: Free) -> Free:
     """Return what a fit moves: where the effects are those of `like`, just what `like` says; else what is `freed`."""
-    if [one.name for one in parameters.effects] == [one.name for one in like.base.effects]:
+    if [effect.name for effect in parameters.effects] == [effect.name for effect in like.base.effects]:
         return replace(like, base=parameters)
     return freed(parameters, like)
 
@@ -65,11 +65,11 @@ def _matters(kind: type[Effect], switch: str, name: str) -> bool:
     heights = np.zeros((20, 20))
     heights[4:16, 4:16] = np.linspace(2, 6, 12)
     default, declared = declarations(kind)[name]
-    other = declared.low if default == declared.high else min(declared.high, 2 * default or 1.0)
+    changed = declared.low if default == declared.high else min(declared.high, 2 * default or 1.0)
     switched = {switch: declarations(kind)[switch][1].typical}
     maps = [
         predict(HeightMap(heights, 1.0, 1.0), ParameterSet(effects=(kind(**settings),)), as_measured=True).heights_um
-        for settings in (switched, switched | {name: other})
+        for settings in (switched, switched | {name: changed})
     ]
     return bool(np.abs(np.nan_to_num(maps[1] - maps[0])).max() > 1e-7)
 

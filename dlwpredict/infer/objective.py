@@ -221,21 +221,21 @@ class Objective:
         data = near.data if near else self.data
         before = near.traces if near else [None] * len(data)
         traces = self.traces((k, process, old) for k, old in enumerate(before))
-        found = [registered(item, one.heights_um) for item, one in zip(data, traces, strict=True)]
+        solutions = [registered(item, predicted.heights_um) for item, predicted in zip(data, traces, strict=True)]
         rows, residual = self.rows, np.zeros(self.rows.total)
-        for k, one in enumerate(found):
-            residual[rows.of(k)], residual[rows.nuisance_priors(k)] = one.residual, one.prior
+        for k, solution in enumerate(solutions):
+            residual[rows.of(k)], residual[rows.nuisance_priors(k)] = solution.residual, solution.prior
         residual[rows.parameter_priors] = priors.rows(free, vector, self.known)[0]
-        nuisances = Nuisances(rows, tuple(one.above for one in found), tuple(one.below for one in found))
+        nuisances = Nuisances(rows, tuple(s.above for s in solutions), tuple(s.below for s in solutions))
         fit = Fit(
-            tuple(one.item for one in found),
+            tuple(solution.item for solution in solutions),
             free,
             vector,
             tuple(traces),
             rows,
             residual,
             nuisances,
-            tuple(one.coefficients for one in found),
+            tuple(solution.coefficients for solution in solutions),
             np.zeros((rows.total, len(vector))),
         )
         self.work.seen(fit)
@@ -276,13 +276,13 @@ class Objective:
 
     def traces(self, jobs: Iterable[tuple[int, ParameterSet, Trace | None]]) -> list[Trace]:
         """Predict recordings with processes, each from an earlier prediction of the same recording."""
-        whole, found = sum(item.recording.target.heights_um.size for item in self.data), []
+        whole, traces = sum(item.recording.target.heights_um.size for item in self.data), []
         for k, process, before in jobs:
             self.work.stop()
             target = self.data[k].recording.target
-            found.append(trace(target, process, self.numerics, before))
-            self.work.predictions += found[-1].work * target.heights_um.size / whole
-        return found
+            traces.append(trace(target, process, self.numerics, before))
+            self.work.predictions += traces[-1].work * target.heights_um.size / whole
+        return traces
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,29 +300,29 @@ class _Registered:
 def registered(item: Whitened, predicted_um: np.ndarray) -> _Registered:
     """Fit a recording's own nuisances, priors included, and move its registration along with them."""
     for _ in range(REGISTRATIONS):
-        found = _nuisances_fitted(item, predicted_um)
-        steps = [c for name, c in zip(item.nuisances, found.coefficients, strict=True) if name in SHIFTS]
+        solution = _nuisances_fitted(item, predicted_um)
+        steps = [c for name, c in zip(item.nuisances, solution.coefficients, strict=True) if name in SHIFTS]
         if not steps or np.abs(steps).max() < REGISTERED_UM:
             break
-        item = item.shifted_by(found.coefficients)
-    return found
+        item = item.shifted_by(solution.coefficients)
+    return solution
 
 
 def _nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> _Registered:
     measured = np.where(item.recording.used, item.recording.measured.heights_um, 0.0) - item.moved(predicted_um)
     white = item.white(np.concatenate([measured[None], item.nuisance_maps(predicted_um)]))
-    residual, own = white[:, 0], white[:, 1:]
+    residual, columns = white[:, 0], white[:, 1:]
     mean, sd = np.array([NUISANCES[name] for name in item.nuisances]).reshape(-1, 2).T
     bounded = priors.bounded(item.nuisances)
     prior = np.zeros((len(bounded), len(mean)))
     prior[range(len(bounded)), bounded] = 1 / sd[bounded]
     goal = prior @ (mean - item.known())
-    scale = np.maximum(np.sqrt(np.sum(own**2, axis=0) + np.sum(prior**2, axis=0)), 1e-12)
-    own, prior = own / scale, prior / scale
-    energies, turn = np.linalg.eigh(own.T @ own + prior.T @ prior)
+    scale = np.maximum(np.sqrt(np.sum(columns**2, axis=0) + np.sum(prior**2, axis=0)), 1e-12)
+    columns, prior = columns / scale, prior / scale
+    energies, turn = np.linalg.eigh(columns.T @ columns + prior.T @ prior)
     real = energies > 1e-12 * energies.max(initial=1.0)
     turn = turn[:, real] / np.sqrt(energies[real])
-    above, below = own @ turn, prior @ turn
+    above, below = columns @ turn, prior @ turn
     along = above.T @ residual + below.T @ goal
     left, short = residual - above @ along, goal - below @ along
     return _Registered(item, left, short, above, below, turn @ along / scale)

@@ -47,10 +47,10 @@ def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float 
 
 def shortest_um() -> float:
     """Return the shortest default of a length of the library's effects, µm."""
-    found = [
+    lengths = [
         default
         for kind in library().values()
         for name, (default, declared) in declarations(kind).items()
         if declared.unit == "µm" and declared.low > 0 and name not in kind.switches()
     ]
-    return min(found)
+    return min(lengths)

@@ -88,7 +88,7 @@ def _of_shape(kind: Any, name: str, default: float) -> Prior | None:
 
 def _declared() -> dict[str, Prior]:
     """Return the priors of all parameters that have one, by flat name."""
-    found = {
+    known = {
         name: Prior(default, WIDTH_SD, logarithm=True)
         for name, (default, _) in declarations(Paper).items()
         if "fwhm" in name
@@ -96,8 +96,8 @@ def _declared() -> dict[str, Prior]:
     for effect, kind in library().items():
         for name, (default, _) in declarations(kind).items():
             if (prior := _of_shape(kind, name, default)) is not None:
-                found[f"{effect}.{name}"] = prior
-    return found
+                known[f"{effect}.{name}"] = prior
+    return known
 
 
 PARAMETERS = _declared()

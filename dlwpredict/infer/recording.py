@@ -95,7 +95,7 @@ def prepare(
             key="heights",
             allowed="use a smaller --wall-px or a structure with slopes",
         )
-    nuisances = [one for one in trusted(measured) if free_shift or one not in LATERAL]
+    nuisances = [nuisance for nuisance in trusted(measured) if free_shift or nuisance not in LATERAL]
     return Recording(name, target, measured, used, tuple(nuisances))
 
 

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from dlwpredict.effects import library
+from dlwpredict.effects.base import settings
 from dlwpredict.infer.free import Free, with_values
 from dlwpredict.infer.model import moving
 from dlwpredict.infer.objective import Fit, Objective
-from dlwpredict.parameters import declarations
 
 
 def recorded(fit: Fit) -> dict[str, Any]:
     """Return a fit as a record."""
-    effects = {one.name: {key: getattr(one, key) for key in declarations(one)} for one in fit.parameters.effects}
+    effects = {effect.name: settings(effect) for effect in fit.parameters.effects}
     values = dict(zip(fit.free.names, fit.vector.tolist(), strict=True))
     return {"effects": effects, "values": values, "shifts_um": [list(item.shift_um) for item in fit.data]}
 
@@ -32,5 +32,5 @@ def restored(objective: Objective, like: Free, record: dict[str, Any]) -> tuple[
     free = moving(with_values(replace(like.base, effects=effects), record["values"]), like)
     pairs = zip(objective.data, record["shifts_um"], strict=True)
     objective = replace(objective, data=tuple(replace(item, shift_um=tuple(shift)) for item, shift in pairs))
-    found = objective.at(free, np.array([record["values"][name] for name in free.names]))
-    return objective.differentiated(found), objective.work.predictions
+    fit = objective.at(free, np.array([record["values"][name] for name in free.names]))
+    return objective.differentiated(fit), objective.work.predictions

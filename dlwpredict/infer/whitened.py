@@ -71,8 +71,8 @@ def displacements(grid: HeightMap) -> np.ndarray:
         Along x and y.
     """
     x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
-    one, no = np.ones(grid.shape), np.zeros(grid.shape)
-    return np.array([(one, no), (no, one), (-y, x), (x, no), (no, y), (y, no)])
+    ones, zeros = np.ones(grid.shape), np.zeros(grid.shape)
+    return np.array([(ones, zeros), (zeros, ones), (-y, x), (x, zeros), (zeros, y), (y, zeros)])
 
 
 @dataclass(frozen=True, eq=False)

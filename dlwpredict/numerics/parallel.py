@@ -114,7 +114,7 @@ class Workers:
         The function must be a module's, so that another process finds it by its name. Where the system has ended a
         worker, as it does when memory runs short, the others go too and this process does the jobs itself.
         """
-        if self._pool and len(jobs) > 1 and all(one.done() for one in self._loading):
+        if self._pool and len(jobs) > 1 and all(future.done() for future in self._loading):
             from concurrent.futures.process import BrokenProcessPool
 
             portion = -(-len(jobs) // (SHARES * self.processes))
