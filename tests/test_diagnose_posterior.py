@@ -1,5 +1,6 @@
 """Sets of effects: the enumeration against brute force, what is refitted, what is named, and how wide classes are."""
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -124,6 +125,15 @@ class TestEnumeration:
         expected = np.linalg.lstsq(columns[:, :3], residual, rcond=None)[0][2]
         assert sets.strengths(both) == pytest.approx([expected])
 
+    def test_a_model_of_three_grows_by_one_effect_where_it_pays(self):
+        """And by no more than one at a time: the four that are there are 9, 8, 7 and 6 standard deviations."""
+        columns, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(40, 6)))
+        screen = screen_of(columns, columns @ [9.0, 8.0, 7.0, 6.0, 5.0, 0.1], named=("a", "b", "c"), own=3)
+        screen = replace(screen, blocks=tuple(slice(k, k + 1) for k in range(3)), named_spread=np.ones(3))
+        ranked = Sets.of(screen, price).ranked
+        assert ranked[0].names == {"a", "b", "c", "effect-0"}
+        assert max(len(one.names) for one in ranked) == 4
+
 
 def sets_of(gains, cost=1000.0):
     """Return sets by their names' first letters and gains."""
@@ -218,7 +228,7 @@ class TestSearch:
 
     def test_what_another_noise_may_prefer_is_near(self):
         found = search({CURL: 100.0, FIELD: 80.0, DARK: 75.0, ("curl", "field-curvature"): 101.0})
-        found.fitter = SimpleNamespace(settled=lambda start: len(start.parameters.effects) == 1)
+        found.fitter = SimpleNamespace(settled=lambda fit: len(fit.parameters.effects) == 1)
         starts = [(sorted(found.names(start.parameters)), start.settled) for start in found.near()]
         both = ["curl", "field-curvature"]
         assert starts == [
@@ -232,7 +242,7 @@ class TestSearch:
     def test_the_quick_fit_of_a_first_effect_may_fall_short(self):
         """By a share of the gain: at 1000, 699 is not near, 701 is."""
         found = search({CURL: 1000.0, FIELD: 699.0, DARK: 701.0})
-        found.fitter = SimpleNamespace(settled=lambda start: False)
+        found.fitter = SimpleNamespace(settled=lambda fit: False)
         assert [sorted(found.names(start.parameters)) for start in found.near()] == [["curl"], [], ["vignetting"]]
 
     @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -151,8 +151,8 @@ class Search:
 
     def _start(self, names: Names) -> Start:
         """Return a set as it was fitted, as a start."""
-        start = Start(self.fitted[names].parameters)
-        return replace(start, settled=self.fitter.settled(start))
+        fit = self.fitted[names]
+        return Start(fit.parameters, settled=self.fitter.settled(fit))
 
     def width_of_set(self, names: Names) -> float:
         """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""
@@ -164,6 +164,8 @@ class Search:
         model = self.fitted[names]
         if names not in self.signatures:
             objective = self.fitter.objective
+            for earlier in self.signatures.keys() - {frozenset()}:
+                del self.signatures[earlier]  # they are large, and a set that was left is seldom come back to
             self.signatures[names] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers)
         screen = Linearised.of(self.signatures[names], model, self.null, self.fitter.objective)
         for k in np.argsort(np.abs(screen.z), kind="stable"):
@@ -268,8 +270,8 @@ class Search:
         """Bring to convergence what may matter beside a set, of all sets or of some."""
         costs = {names: fit.cost for names, fit in self.fitted.items()}
         near = [names for names in among or costs if costs[names] <= self._limit(names, costs, beside)]
-        near = [names for names in near if names and not self.fitter.settled(Start(self.fitted[names].parameters))]
-        fits = self.fitter.settle([Start(self.fitted[names].parameters) for names in near])
+        near = [names for names in near if names and not self.fitter.settled(self.fitted[names])]
+        fits = self.fitter.settle([self.fitted[names] for names in near])
         self._keep(dict(zip(near, fits, strict=True)))
 
     def _limit(self, names: Names, costs: Mapping[Names, float], beside: Names) -> float:

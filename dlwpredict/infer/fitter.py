@@ -88,9 +88,9 @@ class Fitter:
         key = key_of(self.free(start.parameters))
         return key in self.known or key in self.quick
 
-    def settled(self, start: Start) -> bool:
+    def settled(self, fit: Fit) -> bool:
         """Tell whether the best fit of a model is known, not only a quick one."""
-        return key_of(self.free(start.parameters)) in self.known
+        return key_of(fit.free) in self.known
 
     def reopened(self, start: Start) -> bool:
         """Forget the quick fit of a model; tell whether another start may be tried: not where it is converged."""
@@ -132,11 +132,11 @@ class Fitter:
         self._hurry(_again, {key: self.quick[key] for key in short})
         return {key: self.known.get(key) or self.quick[key] for key in starts}
 
-    def settle(self, starts: Sequence[Start]) -> list[Fit]:
-        """Return the best fits of several models."""
-        models = {key_of(self.free(start.parameters)): (start,) for start in starts}
+    def settle(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Return the best fits of models that have been fitted quickly."""
+        models = {key_of(fit.free): (Start(fit.parameters),) for fit in fits}
         self._converge({key: own for key, own in models.items() if key not in self.known})
-        return [self.known[key] for key in models]
+        return [self.known[key_of(fit.free)] for fit in fits]
 
     def _costs(self, models: Iterable[Key]) -> dict[Key, float]:
         return {key: (self.known.get(key) or self.quick[key]).cost for key in models}

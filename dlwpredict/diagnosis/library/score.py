@@ -72,21 +72,27 @@ class Linearised:
 
     @classmethod
     def of(cls, signatures: Signatures, model: Fit, null: Null, objective: Objective) -> Linearised:
-        """Linearise about a model at (or very near) the place of the signatures."""
+        """Linearise about a model at (or very near) the place of the signatures.
+
+        In single precision: columns are many, and seven digits of them are more than their formulas have.
+        """
         named = tuple(signatures.done_um)
         own = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{one}.")] for one in named]
         process = [k for k in range(len(model.free.names)) if all(k not in some for some in own)]
         moves = model.nuisances.beside(model.jacobian[:, process])
-        tangents = _orthonormal(moves)
+        tangents = _orthonormal(moves).astype(np.float32)
 
         def beside(columns: np.ndarray) -> np.ndarray:
-            left = model.nuisances.beside(columns)
+            left = model.nuisances.beside(columns.astype(np.float32))
             for _ in range(2):
                 left -= tangents @ (tangents.T @ left)
             return left
 
         seen = model.rows.stack(
-            [model.seen(k, np.stack([maps[k] for maps in signatures.maps_um])) for k in range(len(model.data))]
+            [
+                model.seen(k, np.stack([maps[k] for maps in signatures.maps_um])).astype(np.float32)
+                for k in range(len(model.data))
+            ]
         )
         done = [
             model.rows.stack([model.seen(k, change) for k, change in enumerate(signatures.done_um[one])])
@@ -98,13 +104,13 @@ class Linearised:
         own_seen = model.nuisances.beside(seen)
         left, whole = beside(seen), np.linalg.norm(own_seen, axis=0)
         sizes = np.maximum(np.linalg.norm(moves, axis=0), 1e-12)
-        answers = -np.linalg.lstsq(moves / sizes, own_seen, rcond=1e-6)[0] / sizes[:, None]
+        answers = -(np.linalg.pinv(moves / sizes, rcond=1e-6).astype(np.float32) @ own_seen) / sizes[:, None]
         hidden, more = bent(objective, model, process, signatures.chosen, answers, np.linalg.norm(left, axis=0), whole)
         left, whole = np.column_stack([left, beside(more)]), np.append(whole, np.linalg.norm(more, axis=0))
         lengths = np.linalg.norm(left, axis=0)
         lengths = np.where(lengths > LEAST_LENGTH * np.maximum(whole, 1e-12), lengths, 0.0)
         real = lengths > 0
-        unit = left * np.where(real, 1 / np.where(real, lengths, 1), 0.0)
+        unit = left * np.where(real, 1 / np.where(real, lengths, 1), 0.0).astype(np.float32)
         own_units = [block / np.maximum(np.linalg.norm(block, axis=0), 1e-12) for block in columns]
         stacked = np.column_stack([*own_units, unit])
         spread = np.maximum(null.spread(model, np.column_stack([unit, *(block[:, :1] for block in own_units)])), 1.0)
@@ -113,15 +119,15 @@ class Linearised:
             named,
             [*signatures.chosen, *hidden],
             tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
-            stacked.T @ stacked,
-            stacked.T @ residual,
+            (stacked.T @ stacked).astype(float),
+            (stacked.T @ residual).astype(float),
             lengths,
             whole,
             spread[: unit.shape[1]],
             spread[unit.shape[1] :],
             [dict(zip([model.free.names[k] for k in process], one, strict=True)) for one in answers.T]
             + [dict(one.answer) for one in hidden],
-            float(residual @ residual),
+            float(residual.astype(float) @ residual),
         )
 
     @cached_property
