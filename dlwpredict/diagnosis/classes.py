@@ -79,10 +79,10 @@ class Named:
     @property
     def sides(self) -> dict[str, float]:
         """Probability of each side."""
-        found = {"print": 0.0, "measurement": 0.0}
+        probabilities = {"print": 0.0, "measurement": 0.0}
         for member in self.members:
-            found[library()[member.effect.name].side] += member.probability
-        return found
+            probabilities[library()[member.effect.name].side] += member.probability
+        return probabilities
 
 
 def named_in(search: Search, best: Names, left: float) -> list[Named]:
@@ -98,25 +98,25 @@ def named_in(search: Search, best: Names, left: float) -> list[Named]:
     left : float
         2 ln L beyond noise that the set leaves, 0 where that is chance.
     """
-    return sorted((_named(search, best, name, left) for name in best), key=lambda one: -one.gain)
+    return sorted((_named(search, best, name, left) for name in best), key=lambda slot: -slot.gain)
 
 
 def _named(search: Search, best: Names, name: str, left: float) -> Named:
     fit, gain = search.fitted[best], search.gain(best, name)
     width = search.width(gain, name, left)
     rivals = {name: fit}
-    for names, other in search.fitted.items():
+    for names, rival in search.fitted.items():
         if len(names) == len(best) and len(names - best) == 1 and best - names == {name}:
-            rivals[next(iter(names - best))] = other
-    losses = {own: max(other.cost - fit.cost, 0.0) for own, other in rivals.items()}
-    weights = {own: float(np.exp(-loss / width / 2)) for own, loss in losses.items()}
+            rivals[next(iter(names - best))] = rival
+    losses = {member: max(rival.cost - fit.cost, 0.0) for member, rival in rivals.items()}
+    weights = {member: float(np.exp(-loss / width / 2)) for member, loss in losses.items()}
     whole, held, members = sum(weights.values()), 0.0, []
-    for own in sorted(weights, key=lambda one: -weights[one]):
-        if held >= policy.CREDIBLE and own != name:
+    for member in sorted(weights, key=lambda member: -weights[member]):
+        if held >= policy.CREDIBLE and member != name:
             break
-        held += weights[own] / whole
-        members.append(own)
-    share = sum(weights[own] for own in members)
+        held += weights[member] / whole
+        members.append(member)
+    share = sum(weights[member] for member in members)
     reduced = search.without(best, name)
     odds = (gain - search.needed(best, name)) / search.spread.get(name, 1.0) ** 2 / 2
     return Named(
@@ -127,8 +127,10 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
         fit,
         reduced,
         tuple(
-            Member(effect_of(rivals[own].parameters, own), losses[own], weights[own] / share, rivals[own])
-            for own in members
+            Member(
+                effect_of(rivals[member].parameters, member), losses[member], weights[member] / share, rivals[member]
+            )
+            for member in members
         ),
     )
 
@@ -138,10 +140,10 @@ def strengths(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> d
 
     What effects share stands under the name of one of them.
     """
-    found: dict[str, dict[str, float | str]] = {}
+    sizes: dict[str, dict[str, float | str]] = {}
     for name, (_, declared) in declarations(effect).items():
         places = [k for k in intervals if k == f"{effect.name}.{name}" or (declared.shared and k.endswith(f".{name}"))]
         if places:
             low, high = intervals[places[0]]
-            found[name] = {"value": float(getattr(effect, name)), "low": low, "high": high, "unit": declared.unit}
-    return found
+            sizes[name] = {"value": float(getattr(effect, name)), "low": low, "high": high, "unit": declared.unit}
+    return sizes

@@ -126,7 +126,7 @@ def advise(fitted: Fit, members: Sequence[Effect], *, setups: Sequence[Setup] | 
     def expected(setup: Setup, *, rough: bool = False) -> Separation:
         return separation(np.vstack([present, simulate(setup, rough)]), free)
 
-    found: list[tuple[Setup, Separation]] = []
+    candidates: list[tuple[Setup, Separation]] = []
     possible = setups_for(fitted, members, columns) if setups is None else setups
     for _, group in groupby(sorted(possible, key=lambda setup: setup.cost), key=lambda setup: setup.cost):
         equal = list(group)
@@ -135,10 +135,10 @@ def advise(fitted: Fit, members: Sequence[Effect], *, setups: Sequence[Setup] | 
         for setup in equal:
             apart = expected(setup)
             if not (setup.print_turns or setup.view_turns) or apart.sd > MORE * expected(setup.unturned).sd:
-                found.append((setup, apart))
-        if any(apart.worth >= 1 for _, apart in found):
+                candidates.append((setup, apart))
+        if any(apart.worth >= 1 for _, apart in candidates):
             break
-    best = max(found, key=lambda item: item[1].worth, default=None)
+    best = max(candidates, key=lambda item: item[1].worth, default=None)
     return worded(members, separation(present, free), best)
 
 
@@ -155,9 +155,9 @@ def separation(rows: np.ndarray, free: int) -> Separation:
     parameters = range(free)
     apart = []
     for pair in permutations(range(rows.shape[1] - free), 2):
-        one, other = (free + member for member in pair)
-        visible = np.linalg.norm(_left(rows[:, one], unit[:, parameters]))
-        sd = np.linalg.norm(_left(rows[:, one], unit[:, [*parameters, other]]))
+        seen, imitator = (free + member for member in pair)
+        visible = np.linalg.norm(_left(rows[:, seen], unit[:, parameters]))
+        sd = np.linalg.norm(_left(rows[:, seen], unit[:, [*parameters, imitator]]))
         apart.append(Separation(pair, float(sd), float(sd / np.maximum(visible, 1e-12))))
     return min(apart, key=lambda pair: pair.worth)
 
@@ -232,8 +232,8 @@ def nuisances_of(item: Whitened, shown_um: np.ndarray) -> tuple[Rows, Nuisances]
     """Return the rows of a single recording that shows just this, and its nuisances about it."""
     measured = item.recording.target.with_heights(shown_um)
     item = replace(item, recording=replace(item.recording, measured=measured), shift_um=(0.0, 0.0))
-    rows, found = Objective((item,)).rows, registered(item, shown_um)
-    return rows, Nuisances(rows, (found.above,), (found.below,))
+    rows, solution = Objective((item,)).rows, registered(item, shown_um)
+    return rows, Nuisances(rows, (solution.above,), (solution.below,))
 
 
 def fewer_pixels(part: HeightMap, most: int) -> HeightMap:
@@ -299,8 +299,8 @@ def worded(members: Sequence[Effect], now: Separation, best: tuple[Setup, Separa
 
 
 def _pair(members: Sequence[Effect], apart: Separation) -> str:
-    one, other = (members[k].name for k in sorted(apart.pair))
-    return f"{one} and {other}" + (f" (the closest two of {len(members)})" if len(members) > 2 else "")
+    first, second = (members[k].name for k in sorted(apart.pair))
+    return f"{first} and {second}" + (f" (the closest two of {len(members)})" if len(members) > 2 else "")
 
 
 def _expected(apart: Separation) -> str:

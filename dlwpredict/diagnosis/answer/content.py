@@ -26,28 +26,28 @@ Ends = Mapping[str, tuple[float, float]]
 """95 % intervals by name."""
 
 
-def content_of(found: Diagnosis, profiled: Ends | None = None) -> dict[str, Any]:
+def content_of(diagnosis: Diagnosis, profiled: Ends | None = None) -> dict[str, Any]:
     """Return the content of diagnosis.yaml; commands, work and provenance are added by who knows them.
 
     Parameters
     ----------
-    found : Diagnosis
+    diagnosis : Diagnosis
     profiled : mapping, optional
         95 % intervals of the extended fit with their profiles, the last thing that takes time. Without them all
         intervals are those of a straight line, and the answer is not complete.
     """
-    finished = profiled is not None and found.complete
-    intervals = found.intervals(found.extended.fit).as_dict() if profiled is None else profiled
-    own = {item.effect.name for item in found.named}
-    blind = not_testable(found.screen, found.thresholds) - own
-    baseline = _model(found.baseline, found, intervals if found.baseline is found.extended else None)
+    finished = profiled is not None and diagnosis.complete
+    intervals = diagnosis.intervals(diagnosis.extended.fit).as_dict() if profiled is None else profiled
+    named = {item.effect.name for item in diagnosis.named}
+    blind = not_testable(diagnosis.screen, diagnosis.thresholds) - named
+    baseline = _model(diagnosis.baseline, diagnosis, intervals if diagnosis.baseline is diagnosis.extended else None)
     return {
         "format": FORMAT,
-        "verdict": found.verdict,
+        "verdict": diagnosis.verdict,
         "complete": finished,
-        "sentence": words.sentence(found, finished=finished),
-        "noise_um": _short(np.sqrt(np.mean([n.model.sigma_um**2 for n in found.noises]))),
-        "noise_from": ", ".join(sorted({n.source for n in found.noises})),
+        "sentence": words.sentence(diagnosis, finished=finished),
+        "noise_um": _short(np.sqrt(np.mean([n.model.sigma_um**2 for n in diagnosis.noises]))),
+        "noise_from": ", ".join(sorted({n.source for n in diagnosis.noises})),
         "noise": [
             {
                 "white_um": _short(n.model.even.white_um),
@@ -61,11 +61,11 @@ def content_of(found: Diagnosis, profiled: Ends | None = None) -> dict[str, Any]
                 "rows": _lines(n.model.rows),
                 "columns": _lines(n.model.columns),
             }
-            for n in found.noises
+            for n in diagnosis.noises
         ],
         "baseline": baseline,
-        "extended": _model(found.extended, found, intervals),
-        "holdout_by": found.holdout_by,
+        "extended": _model(diagnosis.extended, diagnosis, intervals),
+        "holdout_by": diagnosis.holdout_by,
         "locations": [
             {
                 "pair": place.pair,
@@ -75,21 +75,21 @@ def content_of(found: Diagnosis, profiled: Ends | None = None) -> dict[str, Any]
                 "x_um": [round(v, 2) for v in place.x_um],
                 "y_um": [round(v, 2) for v in place.y_um],
             }
-            for place in found.places
+            for place in diagnosis.places
         ],
-        "findings": [_finding(found, item, intervals) for item in found.named],
+        "findings": [_finding(diagnosis, item, intervals) for item in diagnosis.named],
         "remainder": {
-            "significant": found.extended.unexplained,
-            "kind": words.kind_of_remainder(found),
-            "rms_um": _short(found.extended.structure_um),
-            "p_value": _short(found.extended.p_value),
-            "explained_share": round(found.explained, 3),
-            "description": words.remainder(found),
+            "significant": diagnosis.extended.unexplained,
+            "kind": words.kind_of_remainder(diagnosis),
+            "rms_um": _short(diagnosis.extended.structure_um),
+            "p_value": _short(diagnosis.extended.p_value),
+            "explained_share": round(diagnosis.explained, 3),
+            "description": words.remainder(diagnosis),
         },
-        "tests": words.tests(found),
-        "not_tried": list(found.not_tried),
+        "tests": words.tests(diagnosis),
+        "not_tried": list(diagnosis.not_tried),
         "not_testable": sorted(blind),
-        "tested": sorted(set(every_effect()) - blind - set(found.not_tried)),
+        "tested": sorted(set(every_effect()) - blind - set(diagnosis.not_tried)),
     }
 
 
@@ -120,7 +120,7 @@ def untested(recordings: Sequence[Recording], predicted_um: Sequence[np.ndarray]
             for name, value in zip(free.names, free.start, strict=True)
         },
     }
-    rest = {"significant": False, "kind": "none", "rms_um": None, "p_value": None, "explained_share": None}
+    remainder = {"significant": False, "kind": "none", "rms_um": None, "p_value": None, "explained_share": None}
     return {
         "format": FORMAT,
         "verdict": "none",
@@ -132,17 +132,17 @@ def untested(recordings: Sequence[Recording], predicted_um: Sequence[np.ndarray]
         "extended": model,
         "locations": [],
         "findings": [],
-        "remainder": rest | {"description": words.UNTESTED},
+        "remainder": remainder | {"description": words.UNTESTED},
         "not_tried": sorted(every_effect()),
         "not_testable": [],
         "tested": [],
     }
 
 
-def _finding(found: Diagnosis, item: Named, intervals: Ends) -> dict[str, Any]:
-    model = found.extended.fit
+def _finding(diagnosis: Diagnosis, item: Named, intervals: Ends) -> dict[str, Any]:
+    model = diagnosis.extended.fit
     members = [(item.effect, intervals)]
-    members += [(other.effect, found.intervals(other.fit).as_dict()) for other in item.others]
+    members += [(member.effect, diagnosis.intervals(member.fit).as_dict()) for member in item.others]
     return {
         "effects": item.names,
         "side": words.side_of(item.names),
@@ -150,14 +150,14 @@ def _finding(found: Diagnosis, item: Named, intervals: Ends) -> dict[str, Any]:
         "members": {member.effect.name: _share(member.probability) for member in item.members},
         "side_probability": {side: _share(value) for side, value in item.sides.items()},
         "statement": words.statement(item, intervals),
-        "parameters": {effect.name: _strengths(effect, own) for effect, own in members},
+        "parameters": {effect.name: _strengths(effect, ends) for effect, ends in members},
         "p_value": _short(item.p_value),
         "gain": _short(item.gain),
-        "alternatives": [{"name": other.effect.name, "loss": _short(other.loss)} for other in item.others],
+        "alternatives": [{"name": member.effect.name, "loss": _short(member.loss)} for member in item.others],
         "rmse_um": {"before": _short(item.reduced.rmse_um()), "after": _short(model.rmse_um())},
         "holdout_rmse_um": {
-            "before": _short(found.held_out_um(item.reduced)),
-            "after": _short(found.held_out_um(model)),
+            "before": _short(diagnosis.held_out_um(item.reduced)),
+            "after": _short(diagnosis.held_out_um(model)),
         },
         "separate_by": None,
     }
@@ -170,9 +170,9 @@ def _strengths(effect: Effect, intervals: Ends) -> dict[str, dict[str, Any]]:
     }
 
 
-def _model(model: Model, found: Diagnosis, intervals: Ends | None = None) -> dict[str, Any]:
+def _model(model: Model, diagnosis: Diagnosis, intervals: Ends | None = None) -> dict[str, Any]:
     fitted = model.fit
-    known = found.intervals(fitted).as_dict() if intervals is None else intervals
+    known = diagnosis.intervals(fitted).as_dict() if intervals is None else intervals
     units = fittable(fitted.parameters)
     values = {
         name: {"value": _short(value), "low": _short(low), "high": _short(high), "unit": units[name].unit}
@@ -180,7 +180,7 @@ def _model(model: Model, found: Diagnosis, intervals: Ends | None = None) -> dic
     }
     return {
         "rmse_um": _short(fitted.rmse_um()),
-        "holdout_rmse_um": _short(found.held_out_um(fitted)),
+        "holdout_rmse_um": _short(diagnosis.held_out_um(fitted)),
         "parameters": values,
         "pixels": fitted.parameters.readings.pixels,
     }

@@ -47,8 +47,8 @@ def named_by(
     course: Course,
 ) -> Classes:
     """Return the classes that a diagnosis of some of the recordings names."""
-    own = [repeats[k] for k in half] if any(repeats) else None
-    diagnosis = diagnose([recordings[k] for k in half], start, repeats=own, seed=seed, course=course)
+    further = [repeats[k] for k in half] if any(repeats) else None
+    diagnosis = diagnose([recordings[k] for k in half], start, repeats=further, seed=seed, course=course)
     return [frozenset(item.names) for item in diagnosis.named]
 
 
@@ -84,8 +84,8 @@ def with_halves(content: dict[str, Any], named: Sequence[Classes]) -> dict[str, 
         settled = share >= policy.REPRODUCED
         said = f"Halves of the recordings, diagnosed apart, name it in {round(share * len(named))} of {len(named)}"
         said += "." if settled else ": it is not settled."
-        own = {"share": share, "of": len(named), "settled": settled}
-        findings.append(finding | {"statement": f"{finding['statement']} {said}", "halves": own})
+        agreement = {"share": share, "of": len(named), "settled": settled}
+        findings.append(finding | {"statement": f"{finding['statement']} {said}", "halves": agreement})
         unsettled += [] if settled else [" or ".join(finding["effects"])]
     changed: dict[str, Any] = {"findings": findings}
     if unsettled:

@@ -60,8 +60,8 @@ def setups_for(fitted: Fit, members: Sequence[Effect], columns: np.ndarray) -> l
 
 def telling(fitted: Fit, signatures: np.ndarray) -> list[int]:
     """Return the present recordings that show most of the members, at most `MOST_PRESENT`."""
-    own = fitted.beside(signatures)
-    energy = np.sum((own / np.maximum(np.linalg.norm(own, axis=0), 1e-12)) ** 2, axis=1)
+    visible = fitted.beside(signatures)
+    energy = np.sum((visible / np.maximum(np.linalg.norm(visible, axis=0), 1e-12)) ** 2, axis=1)
     shares = [part.sum() for part in fitted.rows.split(energy)]
     return [int(k) for k in np.argsort(shares)[::-1][:MOST_PRESENT]]
 
@@ -69,9 +69,9 @@ def telling(fitted: Fit, signatures: np.ndarray) -> list[int]:
 def _of_present(fitted: Fit, k: int, frames: set[Frame]) -> list[Setup]:
     """Return recordings of a present sample, and prints of a present target; turns where they move anything."""
     target, name = fitted.data[k].recording.target, fitted.data[k].recording.name
-    found = []
+    setups = []
     if "instrument" in frames:
-        found += [
+        setups += [
             Setup(f"sample turned {90 * turns}°", 0,
                   f"Record {name} once more with the sample turned by {90 * turns}° under the microscope",
                   target, view_turns=turns)
@@ -79,14 +79,14 @@ def _of_present(fitted: Fit, k: int, frames: set[Frame]) -> list[Setup]:
         ]  # fmt: skip
     if "printer" in frames:
         action = f"Print {name} once more turned by 90° in the printer, and record it as before"
-        found.append(Setup(f"{name} printed turned 90°", 1, action, target, print_turns=1))
+        setups.append(Setup(f"{name} printed turned 90°", 1, action, target, print_turns=1))
     base = float(target.heights_um[target.heights_um > 0].min())
     if base > target.heights_um.max() / 10:
         for share, words in ((0.5, "half"), (2.0, "twice")):
             heights = np.where(target.heights_um > 0, target.heights_um + (share - 1) * base, 0.0)
             action = f"Print and record {name} on a base {words} as high ({share * base:.3g} instead of {base:.3g} µm)"
-            found.append(Setup(f"{name} on {words} the base", 2, action, target.with_heights(heights)))
-    return found
+            setups.append(Setup(f"{name} on {words} the base", 2, action, target.with_heights(heights)))
+    return setups
 
 
 def new_designs(fitted: Fit) -> list[Setup]:
@@ -100,14 +100,14 @@ def new_designs(fitted: Fit) -> list[Setup]:
     side_um = (pixels - 2 * margin) * px
     shared = {"size_um": side_um, "margin_um": margin * px}
     pitches = {"pitch_um": field.dx_um} | ({"pitch_y_um": field.dy_um} if field.dy_um != field.dx_um else {})
-    found = []
-    for name, (kind, own) in kinds(side_um, top_um, px).items():
-        options = {key: v if isinstance(v, int) else float(f"{v:.4g}") for key, v in (shared | own).items()}
+    setups = []
+    for name, (kind, settings) in kinds(side_um, top_um, px).items():
+        options = {key: v if isinstance(v, int) else float(f"{v:.4g}") for key, v in (shared | settings).items()}
         words = " ".join(f"--{key.replace('_', '-')} {value:.10g}" for key, value in (options | pitches).items())
         command = f"dlwpredict design {kind} -o next-{name}.tif {words}"
         action = f"Print and record one more structure, next-{name}.tif ({KINDS[kind].meaning})"
-        found.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
-    return found
+        setups.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
+    return setups
 
 
 def kinds(side_um: float, top_um: float, px_um: float) -> dict[str, tuple[str, dict[str, float]]]:

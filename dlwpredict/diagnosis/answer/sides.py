@@ -16,18 +16,18 @@ from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import ParameterSet, Process, Side, Undecided
 
 
-def extended(found: Diagnosis, profiled: Mapping[str, tuple[float, float]] | None = None) -> ParameterSet:
+def extended(diagnosis: Diagnosis, profiled: Mapping[str, tuple[float, float]] | None = None) -> ParameterSet:
     """Return the process with the effects found; where a side is open, with the process on either.
 
     Parameters
     ----------
-    found : Diagnosis
+    diagnosis : Diagnosis
     profiled : mapping, optional
         Intervals of the fit; without them the answer is wanted now, and nothing is fitted any more.
     """
-    fitted, now = found.extended.fit, profiled is None
-    either = undecided(found.named, fitted, found.fitter, refit=not now)
-    ends = found.intervals(fitted).as_dict() if profiled is None else dict(profiled)
+    fitted, now = diagnosis.extended.fit, profiled is None
+    either = undecided(diagnosis.named, fitted, diagnosis.fitter, refit=not now)
+    ends = diagnosis.intervals(fitted).as_dict() if profiled is None else dict(profiled)
     return replace(fitted.parameters, undecided=either, intervals=ends)
 
 
@@ -56,8 +56,8 @@ def undecided(named: Sequence[Named], whole: Fit, fitter: Fitter, *, refit: bool
     either = [item for item in named if side_of(item.names) == "undecided"]
     if not either:
         return None
-    found = [_on(side, either, whole, fitter, refit=refit) for side in get_args(Side)]
-    processes = [Process(one.paper, one.effects) for one in found]
+    by_side = [_on(side, either, whole, fitter, refit=refit) for side in get_args(Side)]
+    processes = [Process(parameters.paper, parameters.effects) for parameters in by_side]
     return Undecided(tuple(item.effect.name for item in either), *processes)
 
 

@@ -46,44 +46,45 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-def missing(found: Diagnosis, *, finished: bool) -> str:
+def missing(diagnosis: Diagnosis, *, finished: bool) -> str:
     """Return what an answer lacks, empty where it is whole."""
     if finished:
         return ""
-    if found.not_tried:
-        return f"Not complete, {len(found.not_tried)} effects were not refitted yet ({listed(found.not_tried)})."
-    if not found.complete:
+    untried = diagnosis.not_tried
+    if untried:
+        return f"Not complete, {len(untried)} effects were not refitted yet ({listed(untried)})."
+    if not diagnosis.complete:
         return "Not complete: the sets of effects that were refitted have not settled yet."
     return "The search is complete; its intervals are those of a straight line, and no recording was advised."
 
 
-def sentence(found: Diagnosis, *, finished: bool = True) -> str:
+def sentence(diagnosis: Diagnosis, *, finished: bool = True) -> str:
     """Return the verdict in one sentence; a second one says what is not known yet."""
-    lacks = missing(found, finished=finished)
-    return _verdict(found) + (f" {lacks}" if lacks else "")
+    lacks = missing(diagnosis, finished=finished)
+    return _verdict(diagnosis) + (f" {lacks}" if lacks else "")
 
 
-def _verdict(found: Diagnosis) -> str:
-    before, after = 1e3 * found.baseline.fit.rmse_um(), 1e3 * found.extended.fit.rmse_um()
-    if found.verdict == "none":
+def _verdict(diagnosis: Diagnosis) -> str:
+    before, after = 1e3 * diagnosis.baseline.fit.rmse_um(), 1e3 * diagnosis.extended.fit.rmse_um()
+    if diagnosis.verdict == "none":
         return (
             f"Nothing beyond noise: the model predicts these recordings to {before:.1f} nm, the rest looks like noise."
         )
-    if found.verdict == "unexplained":
-        named = ", ".join(" or ".join(item.names) for item in found.named)
+    if diagnosis.verdict == "unexplained":
+        named = ", ".join(" or ".join(item.names) for item in diagnosis.named)
         if named:
             return (
-                f"Part of the mismatch has no name: {named} explain {found.explained:.0%} of it "
+                f"Part of the mismatch has no name: {named} explain {diagnosis.explained:.0%} of it "
                 f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."
             )
-        if not found.complete:
+        if not diagnosis.complete:
             return "Recording and prediction differ beyond noise; whether a named effect explains it is still open."
         return "Recording and prediction differ beyond noise in a way that no named effect explains."
-    first = found.named[0]
+    first = diagnosis.named[0]
     gain = f"the error falls from {before:.1f} to {after:.1f} nm"
-    others = [item.effect.name for item in found.named[1:]]
+    others = [item.effect.name for item in diagnosis.named[1:]]
     more = f", with {' and '.join(others)}" if others else ""
-    if found.verdict == "identified":
+    if diagnosis.verdict == "identified":
         return f"The model lacks {first.effect.name}{more}: {first.effect.meaning}; {gain}."
     return f"The model lacks one of {', '.join(first.names)}{more}, which these data cannot tell apart; {gain}."
 
@@ -97,7 +98,7 @@ def statement(item: Named, intervals: Mapping[str, tuple[float, float]]) -> str:
         said.append(f"{meaning}: {size['value']:.3g}{unit} ({size['low']:.3g} to {size['high']:.3g})")
     text = f"{effect.meaning[0].upper()}{effect.meaning[1:]}; {'; '.join(said)}."
     if item.others:
-        text += f" {', '.join(other.effect.name for other in item.others)} would fit as well, or nearly."
+        text += f" {', '.join(member.effect.name for member in item.others)} would fit as well, or nearly."
     return f"{text} {surely(item)}"
 
 
@@ -112,25 +113,25 @@ def surely(item: Named) -> str:
     return f"{text}."
 
 
-def kind_of_remainder(found: Diagnosis) -> str:
+def kind_of_remainder(diagnosis: Diagnosis) -> str:
     """Return what is left: none, smooth, ripple, spot or columns."""
-    if not found.extended.unexplained:
+    if not diagnosis.extended.unexplained:
         return "none"
-    patterns: Sequence[Pattern] = found.extended.patterns
+    patterns: Sequence[Pattern] = diagnosis.extended.patterns
     strangest = min(patterns, key=lambda pattern: (pattern.p_value, -pattern.excess))
     if strangest.p_value >= SINGLE:
         return "smooth"
     return dict(zip(patterns, ("ripple", "spot", "columns"), strict=True))[strangest]
 
 
-def remainder(found: Diagnosis) -> str:
+def remainder(diagnosis: Diagnosis) -> str:
     """Return what is left, in words."""
-    kind = kind_of_remainder(found)
+    kind = kind_of_remainder(diagnosis)
     if kind == "none":
         return "What is left looks like noise."
-    wave, lone, columns = found.extended.patterns
+    wave, lone, columns = diagnosis.extended.patterns
     if kind == "ripple":
-        name = found.recordings[wave.pair].name
+        name = diagnosis.recordings[wave.pair].name
         return (
             f"A ripple of period {wave.period_um:.1f} µm runs at {round(wave.angle_deg)}° to x in {name}; "
             "no named effect makes one."
@@ -138,20 +139,20 @@ def remainder(found: Diagnosis) -> str:
     if kind == "spot":
         return (
             f"A spot about {lone.fwhm_um:.1f} µm wide sits at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm in "
-            f"{found.recordings[lone.pair].name}: look there; no named effect makes one."
+            f"{diagnosis.recordings[lone.pair].name}: look there; no named effect makes one."
         )
     if kind == "columns":
         return (
             f"Lines along y differ by {1e3 * columns.size_um:.1f} nm from one another in "
-            f"{found.recordings[columns.pair].name}: of the print, or of a scan along y: repeats tell."
+            f"{diagnosis.recordings[columns.pair].name}: of the print, or of a scan along y: repeats tell."
         )
-    share = f"The named effects explain {found.explained:.0%} of the structure; " if found.named else ""
-    return f"{share}{1e3 * found.extended.structure_um:.1f} nm of structure have no name."
+    share = f"The named effects explain {diagnosis.explained:.0%} of the structure; " if diagnosis.named else ""
+    return f"{share}{1e3 * diagnosis.extended.structure_um:.1f} nm of structure have no name."
 
 
-def tests(found: Diagnosis) -> list[dict[str, Any]]:
+def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return the tests that need no library of effects."""
-    model, said = found.baseline, []
+    model, said = diagnosis.baseline, []
     wave, lone, columns = model.patterns
 
     def add(name: str, p_value: float, begin: str, more: str, less: str, level: float = SINGLE) -> None:
@@ -167,9 +168,8 @@ def tests(found: Diagnosis) -> list[dict[str, Any]]:
     add("spot", lone.p_value, strongest, "more than noise", "no more than noise")
     whole = "whole columns differ"
     add("lines along y", columns.p_value, whole, "from one another", "no more than noise does")
-    if found.agreement:
-        other = "other parameters: the model does not transfer"
-        alone = "every recording alone would give"
-        level = policy.LEVEL_STRUCTURE
-        add("one process for all recordings", found.agreement.p_value, alone, other, "the same parameters", level)
+    if diagnosis.agreement:
+        p_value, level = diagnosis.agreement.p_value, policy.LEVEL_STRUCTURE
+        more, less = "other parameters: the model does not transfer", "the same parameters"
+        add("one process for all recordings", p_value, "every recording alone would give", more, less, level)
     return said

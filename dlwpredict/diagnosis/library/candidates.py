@@ -113,11 +113,13 @@ class Bent(Candidate):
 def candidates(parameters: ParameterSet) -> list[Candidate]:
     """Return every candidate that the parameter set does not contain already."""
     present = {effect.name for effect in parameters.effects}
-    found = []
-    for name, kind in library().items():
-        if name not in present and name not in NO_CANDIDATES:
-            found += [Candidate(kind(**shape), switch) for switch in kind.switches() for shape in _shapes(kind, switch)]
-    return found
+    return [
+        Candidate(kind(**shape), switch)
+        for name, kind in library().items()
+        if name not in present and name not in NO_CANDIDATES
+        for switch in kind.switches()
+        for shape in _shapes(kind, switch)
+    ]
 
 
 def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
@@ -133,11 +135,11 @@ def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
             continue
         values = _values(name, default, declared)
         if name.startswith("centre_") or declared.unit == "µm":
-            mixed = [one | {name: default} for one in mixed]
+            mixed = [shape | {name: default} for shape in mixed]
             varied += [{name: value} for value in values if value != default]
         else:
-            mixed = [one | {name: value} for one in mixed for value in values]
-    return [one | other for one in mixed for other in varied]
+            mixed = [shape | {name: value} for shape in mixed for value in values]
+    return [shape | change for shape in mixed for change in varied]
 
 
 def _values(name: str, default: float, declared: Declaration) -> list[float]:

@@ -52,7 +52,7 @@ def bent(
         if place not in largest or whole[k] > whole[largest[place]]:
             largest[place] = int(k)
     names = [model.free.names[k] for k in process]
-    found, columns = [], []
+    candidates, columns = [], []
     for k in largest.values():
         for direction in (1.0, -1.0):
             if direction * chosen[k].sign < 0:
@@ -63,8 +63,8 @@ def bent(
             answer = tuple(zip(names, moved, strict=True))
             candidate = Bent(chosen[k].effect, chosen[k].switch, direction, answer)
             columns.append(model.residual - answered(objective, model, candidate).residual)
-            found.append(candidate)
-    return found, np.stack(columns, axis=1) if columns else np.zeros((model.rows.total, 0))
+            candidates.append(candidate)
+    return candidates, np.stack(columns, axis=1) if columns else np.zeros((model.rows.total, 0))
 
 
 def hidden(whole: np.ndarray, lengths: np.ndarray, chosen: Sequence[Candidate]) -> list[int]:

@@ -52,17 +52,17 @@ class Signatures:
             for candidate in chosen
             for target, before in zip(targets, fitted.traces, strict=True)
         ]
-        shares = [target.heights_um.size / sum(one.heights_um.size for one in targets) for target in targets]
-        found, per = workers.each(_change, jobs), len(targets)
-        work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(found))
-        maps = [change for change, _ in found]
+        shares = [target.heights_um.size / sum(grid.heights_um.size for grid in targets) for target in targets]
+        changes, per = workers.each(_change, jobs), len(targets)
+        work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(changes))
+        maps = [change for change, _ in changes]
         done = {}
         for name in named:
             without = [
                 trace(t, lacking(parameters, [name]), b.numerics, b)
                 for t, b in zip(targets, fitted.traces, strict=True)
             ]
-            work.predictions += sum(one.work * share for one, share in zip(without, shares, strict=True))
+            work.predictions += sum(reduced.work * share for reduced, share in zip(without, shares, strict=True))
             pairs = zip(fitted.traces, without, strict=True)
             done[name] = [np.nan_to_num(a.heights_um - b.heights_um) for a, b in pairs]
         return cls(fitted, chosen, [maps[k * per : (k + 1) * per] for k in range(len(chosen))], done)

@@ -48,5 +48,5 @@ class Columns:
             return cls(0, 0.0, 0.0, 1.0)
         pair = min(asked, key=lambda k: asked[k].p_value)
         best = min(asked[pair].p_value, 1 - 1e-12)
-        excess = sum(one.gain for one in asked.values() if one.found)
+        excess = sum(unevenness.gain for unevenness in asked.values() if unevenness.found)
         return cls(pair, asked[pair].size, excess, float(-np.expm1(len(asked) * np.log1p(-best))))

@@ -48,12 +48,12 @@ class Forms:
     @classmethod
     def of(cls, fitted: Fit) -> Forms:
         """Whiten the free forms about a fit."""
-        found = []
+        families = []
         for item, trace in zip(fitted.data, fitted.traces, strict=True):
             forms = free_forms(item.recording.target, trace.heights_um)
             white = {family: item.white(columns) for family, columns in forms.items()}
-            found.append({f: c / np.maximum(np.linalg.norm(c, axis=0), 1e-12) for f, c in white.items()})
-        return cls(tuple(found))
+            families.append({f: c / np.maximum(np.linalg.norm(c, axis=0), 1e-12) for f, c in white.items()})
+        return cls(tuple(families))
 
     @property
     def every(self) -> list[tuple[int, str]]:
@@ -107,12 +107,12 @@ class Beside:
             Of noise, beside the fit.
         """
         rows, tangents = fitted.rows, fitted.tangents
-        own = [x.T @ x - (a := n.T @ x).T @ a for x, n in zip(blocks, fitted.nuisances.above, strict=True)]
+        squares = [x.T @ x - (a := n.T @ x).T @ a for x, n in zip(blocks, fitted.nuisances.above, strict=True)]
         along = [tangents[rows.of(k)].T @ x for k, x in enumerate(blocks)]
         ends = np.cumsum([0, *(x.shape[1] for x in blocks)])
         crossed = np.concatenate(along, axis=1)
         products = -crossed.T @ crossed
-        for square, a, b in zip(own, ends, ends[1:], strict=False):
+        for square, a, b in zip(squares, ends, ends[1:], strict=False):
             products[a:b, a:b] += square
         parts = [(x.T @ fitted.residual[rows.of(k)], x.T.astype(np.float32) @ draws[rows.of(k)])
                  for k, x in enumerate(blocks)]  # fmt: skip
@@ -128,10 +128,11 @@ class Beside:
         turn = self._directions(chosen)
         if not turn.shape[1]:
             return Energy(0.0, 1.0)
-        found = float(np.sum((turn.T @ self.residual[chosen]) ** 2))
+        energy = float(np.sum((turn.T @ self.residual[chosen]) ** 2))
         nulls = np.sum((turn.T @ self.draws[chosen]) ** 2, axis=0)
         mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
-        return Energy(found - mean, float(special.chdtrc(2 * mean**2 / variance, max(found * 2 * mean / variance, 0))))
+        p_value = float(special.chdtrc(2 * mean**2 / variance, max(energy * 2 * mean / variance, 0)))
+        return Energy(energy - mean, p_value)
 
     def _directions(self, chosen: np.ndarray | slice) -> np.ndarray:
         """Return the matrix that makes an orthonormal basis of some columns, shape (columns, directions)."""
@@ -144,8 +145,8 @@ class Beside:
         fitted, turn = self.fitted, self._directions(slice(None))
         along = turn.T @ self.residual
         weights = np.split(turn @ along, np.cumsum([x.shape[1] for x in self.blocks])[:-1])
-        found = fitted.beside(fitted.rows.stack([x @ w for x, w in zip(self.blocks, weights, strict=True)]))
-        parts = [item.whitener.solve(part) for item, part in zip(fitted.data, fitted.rows.split(found), strict=True)]
+        forms = fitted.beside(fitted.rows.stack([x @ w for x, w in zip(self.blocks, weights, strict=True)]))
+        parts = [item.whitener.solve(part) for item, part in zip(fitted.data, fitted.rows.split(forms), strict=True)]
         share = 1 - len(along) / max(float(along @ along), len(along), 1.0)
         return float(np.sqrt(share * sum(float(part @ part) for part in parts) / fitted.rows.data))
 
@@ -163,6 +164,6 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
     """
     if len(fitted.data) < 2:
         return None
-    own = [fitted.jacobian[fitted.rows.of(k)] for k in range(len(fitted.data))]
+    blocks = [fitted.jacobian[fitted.rows.of(k)] for k in range(len(fitted.data))]
     scale = np.maximum(np.linalg.norm(fitted.jacobian, axis=0), 1e-12)
-    return Beside.of(fitted, [block / scale for block in own], draws).energy()
+    return Beside.of(fitted, [block / scale for block in blocks], draws).energy()

@@ -51,7 +51,7 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     draws : numpy.ndarray, shape (rows, draws)
         From `Null.beside` this fit.
     """
-    found = []
+    ripples = []
     for k, item in enumerate(fitted.data):
         used, grid, rows = item.recording.used, item.recording.target, fitted.rows.of(k)
         powers = np.stack([_periodogram(draw, used) for draw in draws[rows, :LARGEST_OF].T])
@@ -62,8 +62,8 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
         fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um)[row], fft.rfftfreq(used.shape[1], grid.dx_um)[col]
         p_value = p_of_largest(power[row, col], largest, of=len(fitted.data))
         angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
-        found.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
-    return min(found, key=lambda one: one.p_value)
+        ripples.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
+    return min(ripples, key=lambda wave: wave.p_value)
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -91,7 +91,7 @@ def spot(fitted: Fit, draws: np.ndarray, bumps: Sequence[Bumps]) -> Spot:
     bumps : sequence of Bumps
         Of every recording.
     """
-    found = []
+    spots = []
     for k, item in enumerate(fitted.data):
         rows, grid = fitted.rows.of(k), item.recording.target
         power = bumps[k].scores(fitted.residual[rows]) ** 2
@@ -100,5 +100,5 @@ def spot(fitted: Fit, draws: np.ndarray, bumps: Sequence[Bumps]) -> Spot:
         energy = float(power[scale, row, col])
         fwhm_um = FWHM_PER_SIGMA * SCALES_PX[scale] * float(np.sqrt(grid.dx_um * grid.dy_um))
         place = float(grid.x_um[col]), float(grid.y_um[row])
-        found.append(Spot(k, *place, fwhm_um, energy - 1, p_of_largest(energy, largest, of=len(fitted.data))))
-    return min(found, key=lambda one: one.p_value)
+        spots.append(Spot(k, *place, fwhm_um, energy - 1, p_of_largest(energy, largest, of=len(fitted.data))))
+    return min(spots, key=lambda bump: bump.p_value)

@@ -88,7 +88,7 @@ class Model:
     @property
     def p_value(self) -> float:
         """Probability that noise alone leaves as strange a remainder, in any of the ways."""
-        return min(WAYS * min(self.forms.p_value, *(one.p_value for one in self.patterns)), 1.0)
+        return min(WAYS * min(self.forms.p_value, *(pattern.p_value for pattern in self.patterns)), 1.0)
 
     @property
     def unexplained(self) -> bool:
@@ -98,4 +98,4 @@ class Model:
     @property
     def left(self) -> float:
         """What χ² in the residual is beyond noise: by free forms, and by every pattern that stands out by itself."""
-        return max(self.forms.excess, 0) + sum(one.excess for one in self.patterns if one.p_value < SINGLE)
+        return max(self.forms.excess, 0) + sum(pattern.excess for pattern in self.patterns if pattern.p_value < SINGLE)
