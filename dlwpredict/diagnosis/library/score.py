@@ -77,8 +77,8 @@ class Linearised:
         In single precision: columns are many, and seven digits of them are more than their formulas have.
         """
         named = tuple(signatures.done_um)
-        own = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{one}.")] for one in named]
-        process = [k for k in range(len(model.free.names)) if all(k not in some for some in own)]
+        places = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{effect}.")] for effect in named]
+        process = [k for k in range(len(model.free.names)) if all(k not in group for group in places)]
         moves = model.nuisances.beside(model.jacobian[:, process])
         tangents = _orthonormal(moves).astype(np.float32)
 
@@ -95,11 +95,11 @@ class Linearised:
             ]
         )
         done = [
-            model.rows.stack([model.seen(k, change) for k, change in enumerate(signatures.done_um[one])])
-            for one in named
+            model.rows.stack([model.seen(k, change) for k, change in enumerate(signatures.done_um[effect])])
+            for effect in named
         ]
         residual = beside(model.residual + sum(done)) if done else beside(model.residual)
-        columns = [beside(np.column_stack([d, model.jacobian[:, o]])) for d, o in zip(done, own, strict=True)]
+        columns = [beside(np.column_stack([d, model.jacobian[:, o]])) for d, o in zip(done, places, strict=True)]
         ends = np.cumsum([0, *(block.shape[1] for block in columns)])
         own_seen = model.nuisances.beside(seen)
         left, whole = beside(seen), np.linalg.norm(own_seen, axis=0)
@@ -125,8 +125,8 @@ class Linearised:
             whole,
             spread[: unit.shape[1]],
             spread[unit.shape[1] :],
-            [dict(zip([model.free.names[k] for k in process], one, strict=True)) for one in answers.T]
-            + [dict(one.answer) for one in hidden],
+            [dict(zip([model.free.names[k] for k in process], answer, strict=True)) for answer in answers.T]
+            + [dict(candidate.answer) for candidate in hidden],
             float(residual.astype(float) @ residual),
         )
 
@@ -221,7 +221,7 @@ def thresholds(screen: Linearised, level: float, level_next: float, inflated: fl
 
 def _largest_pairs(scores: np.ndarray, signs: np.ndarray, i: np.ndarray, j: np.ndarray, rho: np.ndarray) -> np.ndarray:
     """Return the largest gain of any pair of columns with allowed signs, shape (draws,)."""
-    found = np.zeros(len(scores))
+    largest = np.zeros(len(scores))
     for part in np.array_split(np.arange(len(i)), max(len(i) // 2000, 1)):
         a, b, r = scores[:, i[part]], scores[:, j[part]], rho[part]
         first, second = a - r * b, b - r * a
@@ -229,8 +229,8 @@ def _largest_pairs(scores: np.ndarray, signs: np.ndarray, i: np.ndarray, j: np.n
             (signs[j[part]] == 0) | (np.sign(second) == signs[j[part]])
         )
         gain = np.where(fits, (a * first + b * second) / (1 - r**2), 0.0)
-        found = np.maximum(found, gain.max(axis=1, initial=0.0))
-    return found
+        largest = np.maximum(largest, gain.max(axis=1, initial=0.0))
+    return largest
 
 
 def _root(products: np.ndarray) -> np.ndarray:
