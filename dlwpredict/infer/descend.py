@@ -36,9 +36,9 @@ LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e3
 
 
 def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int = STEPS, gain: float = GAIN) -> Fit:
-    """Follow the objective down from a fit that has derivatives, until a step promises too little.
+    """Follow the objective down from a fit that has derivatives, until a step promises less than the tolerance.
 
-    Where it stops before its steps run out, derivatives taken there said so, unless only the secant is wanted.
+    A descent that has converged was found so by a Jacobian computed there, unless only the secant is wanted.
 
     Parameters
     ----------

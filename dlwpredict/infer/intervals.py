@@ -204,7 +204,7 @@ def _end(objective: Objective, fitted: Fit, k: int, reach: float, allowed: float
 
 
 def held(objective: Objective, near: Fit, k: int, place: float) -> float:
-    """Return the cost of the best fit with parameter k held at a place, by the derivatives of the fit near by."""
+    """Return the profile of the objective: least cost with parameter k held at a place, by the Jacobian near by."""
     free = near.free
     others = [i for i in range(len(free.names)) if i != k]
     base = _with(near.parameters, free, near.vector, k, place)

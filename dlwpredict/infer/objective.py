@@ -72,7 +72,7 @@ class Nuisances:
         return bool(self.above)
 
     def beside(self, values: np.ndarray) -> np.ndarray:
-        """Return values (rows, ...) without what the nuisances take of them."""
+        """Return values (rows, ...) projected orthogonally to the nuisances."""
         left = np.array(values, dtype=np.result_type(values, np.float32))
         for k, above, below in zip(range(self.rows.recordings), self.above, self.below, strict=True):
             data, prior = self.rows.of(k), self.rows.nuisance_priors(k)
@@ -84,7 +84,7 @@ class Nuisances:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A process beside whitened recordings: at any place, not only the best.
+    """A process and its residuals on whitened recordings, at any parameter values, not only at the minimum.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Fit:
 
     @property
     def light(self) -> Fit:
-        """The fit as a place with a cost: what derivatives and predictions it went through is not kept."""
+        """The fit without Jacobian, bases of the nuisances and intermediate states: values, residual and cost."""
         traces, jacobian = tuple(trace.bare for trace in self.traces), np.zeros((0, len(self.vector)))
         return replace(self, traces=traces, jacobian=jacobian, nuisances=Nuisances(self.rows, (), ()))
 
@@ -133,14 +133,14 @@ class Fit:
 
     @cached_property
     def tangents(self) -> np.ndarray:
-        """Orthonormal basis of what the parameters may move beside the nuisances, shape (rows, columns)."""
+        """Orthonormal basis of the Jacobian, projected orthogonally to the nuisances, shape (rows, columns)."""
         beside = self.nuisances.beside(self.jacobian)
         scale = np.linalg.norm(beside, axis=0)
         left, sizes, _ = np.linalg.svd(beside / np.where(scale > 0, scale, 1), full_matrices=False)
         return left[:, sizes > 1e-6]
 
     def beside(self, values: np.ndarray) -> np.ndarray:
-        """Return values (rows, ...) without anything that the fit may move."""
+        """Return values (rows, ...) projected orthogonally to all that the fit may move: nuisances and parameters."""
         left = self.nuisances.beside(values)
         tangents = self.tangents.astype(left.dtype)
         for _ in range(2):

@@ -85,7 +85,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Bent(Candidate):
-    """A candidate whose tangent the process takes, as a shift takes a lag and a wide focus a blur.
+    """A candidate whose first-order signature the process absorbs, as a shift does a lag and a wide focus a blur.
 
     What is left of it grows about with the square of its size; strengths are such squares.
 

@@ -1,7 +1,7 @@
-"""Second columns: what is left of effects whose tangent the process takes.
+"""Second columns of effects whose first-order signature the process absorbs.
 
-To first order nothing is seen of them, and no score points at them. At its typical size such an effect bends away from
-the tangents: the process answers, registration is found anew, and the difference is a column like any other.
+To first order nothing is left of them, and no score points at them. At its typical size such an effect is not linear:
+the process answers, registration is fitted anew, and the remaining difference is a column like any other.
 """
 
 from __future__ import annotations
@@ -68,9 +68,10 @@ def bent(
 
 
 def hidden(whole: np.ndarray, lengths: np.ndarray, chosen: Sequence[Candidate]) -> list[int]:
-    """Return the candidates of which the process takes all but little, though their typical size stands out before.
+    """Return the candidates whose typical size is visible with the process fixed, and hardly once it is fitted.
 
-    Second columns, which `Bent` are, are none.
+    That is from `policy.SEEN` standard deviations on, and down to the share `policy.TAKEN`; second columns (`Bent`) are
+    never among them.
     """
     taken = np.flatnonzero((whole >= policy.SEEN) & (lengths < policy.TAKEN * whole)).tolist()
     return [k for k in taken if not isinstance(chosen[k], Bent)]

@@ -23,7 +23,7 @@ SIMULATED = 2000
 """Draws of scores from which thresholds are known: a level of 2.5 % to a seventh of itself."""
 
 LEAST_LENGTH = 1e-6
-"""Columns of which less than this share is left beside the process are taken whole by it."""
+"""A column of which less than this share is left, projected orthogonally to the process, is absorbed by it."""
 
 
 @dataclass(frozen=True, eq=False)

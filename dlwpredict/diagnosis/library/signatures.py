@@ -1,6 +1,6 @@
 """Signatures: what every candidate would change in these recordings about the place where a fit is, in µm.
 
-They know nothing of noise: computed once per place, they serve every noise model.
+They do not depend on the noise: computed once per linearisation point, they serve every noise model.
 """
 
 from __future__ import annotations
