@@ -91,8 +91,8 @@ def run(
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")
     else:
-        for axis, scale, error in zip("xy", alignment.pose.scale, alignment.uncertainty["scale"], strict=True):
-            if abs(scale - 1) > SURELY * hypot(CERTIFIED, error):
+        for axis, scale, sd in zip("xy", alignment.pose.scale, alignment.uncertainty["scale"], strict=True):
+            if abs(scale - 1) > SURELY * hypot(CERTIFIED, sd):
                 said = f"{abs(100 * (scale - 1)):.2g} % {'narrower' if scale < 1 else 'wider'}"
                 leaves = "more than a certified pitch leaves open; it is taken out here"
                 warn(f"{recording}: {said} than the target along {axis}, {leaves}")

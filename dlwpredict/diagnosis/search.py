@@ -75,7 +75,7 @@ class Search:
         effects are looked for whose place a width has taken.
         """
         before = self.rested()
-        sets = Sets.of(self.linearised(before), self.price)
+        sets = Sets.of(self.linearised(before) if before else self.first, self.price)
         model, starts, promised = self.fitted[before], {}, {}
         for subset in sets.leading(before, self.width_of_set(before)):
             begun = self._starts(model, sets, subset)

@@ -6,6 +6,7 @@ effects is a block of columns: what it does, and its tangents. So sets with and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -21,6 +22,9 @@ from dlwpredict.infer.objective import Fit, Objective
 
 SIMULATED = 2000
 """Draws of scores from which thresholds are known: a level of 2.5 % to a seventh of itself."""
+
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 32, 8192
+"""Columns that are whitened, and rows that are multiplied, at once: what is kept in double precision meanwhile."""
 
 LEAST_LENGTH = 1e-6
 """A column of which less than this share is left, projected orthogonally to the process, is absorbed by it."""
@@ -72,28 +76,11 @@ class Linearised:
 
     @classmethod
     def of(cls, signatures: Signatures, model: Fit, null: Null, objective: Objective) -> Linearised:
-        """Linearise about a model at (or very near) the place of the signatures.
-
-        In single precision: columns are many, and seven digits of them are more than their formulas have.
-        """
+        """Linearise about a model at (or very near) the place of the signatures."""
         named = tuple(signatures.done_um)
         places = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{effect}.")] for effect in named]
         process = [k for k in range(len(model.free.names)) if all(k not in group for group in places)]
-        moves = model.nuisances.beside(model.jacobian[:, process])
-        tangents = _orthonormal(moves).astype(np.float32)
-
-        def beside(columns: np.ndarray) -> np.ndarray:
-            left = model.nuisances.beside(columns.astype(np.float32))
-            for _ in range(2):
-                left -= tangents @ (tangents.T @ left)
-            return left
-
-        seen = model.rows.stack(
-            [
-                model.seen(k, np.stack([maps[k] for maps in signatures.maps_um])).astype(np.float32)
-                for k in range(len(model.data))
-            ]
-        )
+        beside = _Beside.of(model, process)
         done = [
             model.rows.stack([model.seen(k, change) for k, change in enumerate(signatures.done_um[effect])])
             for effect in named
@@ -101,33 +88,32 @@ class Linearised:
         residual = beside(model.residual + sum(done)) if done else beside(model.residual)
         columns = [beside(np.column_stack([d, model.jacobian[:, o]])) for d, o in zip(done, places, strict=True)]
         ends = np.cumsum([0, *(block.shape[1] for block in columns)])
-        own_seen = model.nuisances.beside(seen)
-        left, whole = beside(seen), np.linalg.norm(own_seen, axis=0)
-        sizes = np.maximum(np.linalg.norm(moves, axis=0), 1e-12)
-        answers = -(np.linalg.pinv(moves / sizes, rcond=1e-6).astype(np.float32) @ own_seen) / sizes[:, None]
-        hidden, more = bent(objective, model, process, signatures.chosen, answers, np.linalg.norm(left, axis=0), whole)
-        left, whole = np.column_stack([left, beside(more)]), np.append(whole, np.linalg.norm(more, axis=0))
-        lengths = np.linalg.norm(left, axis=0)
+        left, lengths, whole, answers = beside.signatures(signatures)
+        hidden, more = bent(objective, model, process, signatures.chosen, answers, lengths, whole)
+        left = np.column_stack([left, (further := beside(more)).astype(np.float32)])
+        lengths = np.append(lengths, np.linalg.norm(further, axis=0))
+        whole = np.append(whole, np.linalg.norm(more, axis=0))
         lengths = np.where(lengths > LEAST_LENGTH * np.maximum(whole, 1e-12), lengths, 0.0)
         real = lengths > 0
-        unit = left * np.where(real, 1 / np.where(real, lengths, 1), 0.0).astype(np.float32)
+        left *= np.where(real, 1 / np.where(real, lengths, 1), 0.0)
         own_units = [block / np.maximum(np.linalg.norm(block, axis=0), 1e-12) for block in columns]
-        stacked = np.column_stack([*own_units, unit])
-        spread = np.maximum(null.spread(model, np.column_stack([unit, *(block[:, :1] for block in own_units)])), 1.0)
+        first = [block[:, :1].astype(np.float32) for block in own_units]
+        spread = np.maximum(null.spread(model, np.column_stack([left, *first])), 1.0)
+        products, raw = _products(np.column_stack([*own_units, left]).astype(np.float32, copy=False), residual)
         return cls(
             model,
             named,
             [*signatures.chosen, *hidden],
             tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
-            (stacked.T @ stacked).astype(float),
-            (stacked.T @ residual).astype(float),
+            products,
+            raw,
             lengths,
             whole,
-            spread[: unit.shape[1]],
-            spread[unit.shape[1] :],
+            spread[: len(lengths)],
+            spread[len(lengths) :],
             [dict(zip([model.free.names[k] for k in process], answer, strict=True)) for answer in answers.T]
             + [dict(candidate.answer) for candidate in hidden],
-            float(residual.astype(float) @ residual),
+            float(residual @ residual),
         )
 
     @cached_property
@@ -165,6 +151,78 @@ class Linearised:
     def visible(self) -> np.ndarray:
         """Score that the typical size of every candidate would give."""
         return self.lengths / self.spread
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """What is left of columns beside the process and the nuisances.
+
+    Parameters
+    ----------
+    model : Fit
+    moves : numpy.ndarray, shape (rows, parameters of the process)
+        Derivatives beside the nuisances.
+    tangents : numpy.ndarray, shape (rows, directions)
+        Their orthonormal basis.
+    """
+
+    model: Fit
+    moves: np.ndarray
+    tangents: np.ndarray
+
+    @classmethod
+    def of(cls, model: Fit, process: Sequence[int]) -> _Beside:
+        """Build it from the parameters that are the process's own."""
+        moves = model.nuisances.beside(model.jacobian[:, list(process)])
+        return cls(model, moves, _orthonormal(moves))
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (rows, ...) beside all of it."""
+        left = self.model.nuisances.beside(columns)
+        for _ in range(2):
+            left -= self.tangents @ (self.tangents.T @ left)
+        return left
+
+    def signatures(self, signatures: Signatures) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what is left of every candidate's signature, kept in single precision: there are many on large maps.
+
+        Returns
+        -------
+        numpy.ndarray of float32, shape (rows, candidates)
+            Beside the process.
+        numpy.ndarray, shape (candidates,)
+            Lengths of these.
+        numpy.ndarray, shape (candidates,)
+            Lengths before the process has answered.
+        numpy.ndarray, shape (process, candidates)
+            By how much every parameter of the process answers.
+        """
+        model, count = self.model, len(signatures.maps_um)
+        sizes = np.maximum(np.linalg.norm(self.moves, axis=0), 1e-12)
+        answering = np.linalg.pinv(self.moves / sizes, rcond=1e-6)
+        left, lengths, whole = np.empty((model.rows.total, count), np.float32), np.empty(count), np.empty(count)
+        answers = np.empty((len(sizes), count))
+        for first in range(0, count, COLUMNS_AT_ONCE):
+            some = slice(first, first + COLUMNS_AT_ONCE)
+            maps = zip(*signatures.maps_um[some], strict=True)
+            seen = model.nuisances.beside(
+                model.rows.stack([model.seen(k, np.stack(own)) for k, own in enumerate(maps)])
+            )
+            beside = self(seen)
+            left[:, some], lengths[some] = beside, np.linalg.norm(beside, axis=0)
+            whole[some] = np.linalg.norm(seen, axis=0)
+            answers[:, some] = -(answering @ seen) / sizes[:, None]
+        return left, lengths, whole, answers
+
+
+def _products(columns: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the scalar products of columns (rows, columns) with one another and with a residual, summed in double."""
+    products, raw = np.zeros((columns.shape[1], columns.shape[1])), np.zeros(columns.shape[1])
+    for first in range(0, len(columns), ROWS_AT_ONCE):
+        part = columns[first : first + ROWS_AT_ONCE].astype(float)
+        products += part.T @ part
+        raw += part.T @ residual[first : first + ROWS_AT_ONCE]
+    return products, raw
 
 
 @dataclass(frozen=True)
