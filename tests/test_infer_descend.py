@@ -250,6 +250,18 @@ class TestFitter:
         assert fitter.has(Start(TRUTH)) and fitter.best(Start(TRUTH)) is found
         assert fitter.objective.work.predictions == spent > 0
 
+    def test_an_effect_that_a_quick_fit_has_brought_to_nothing_is_still_a_model_of_its_own(self, air, printed):
+        """By its parameters it would be the process alone; by what moves it is not."""
+        fitter = Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS))
+        begun = replace(LOW, effects=(library()["edge-drying"](depth_um=0.2),))
+        (quick,) = fitter.contest([[Start(begun)]], {}, lambda key, costs: -np.inf).values()
+        vector = np.where([name == "edge-drying.depth_um" for name in quick.free.names], 0.0, quick.vector)
+        off = replace(quick, vector=vector)
+        fitter.quick[key_of(off.free)] = off
+        alone = fitter.best(Start(LOW))
+        (settled,) = fitter.settle([off])
+        assert settled.free.names == off.free.names != alone.free.names and settled.cost <= alone.cost + 0.1
+
     def test_the_lowest_of_its_starts_wins(self, air, printed):
         free = choose(LOW, free=["exposure_fwhm_z_um", "threshold"])
         far = replace(LOW, paper=replace(TRUTH.paper, exposure_fwhm_z_um=8.0, threshold=0.1))

@@ -12,10 +12,10 @@ from tests.bench.cases import RANGES
 from tests.prove import structures
 from tests.prove.hidden import NAMED, OUTSIDE, Hidden, named, outside
 
-DEVELOPMENT_SEED, FINAL_SEED = 20250, 908213
+DEVELOPMENT_SEED, FINAL_SEED = 20250, 550173
 """The final seed is used by `make prove` alone, never while anything is tuned; once its truth has been looked at and
-the program is changed, it is spent, and another is drawn (77031, 345967, 186561, 973189, 244348, 391491, 397021
-and 614839 were)."""
+the program is changed, it is spent, and another is drawn (77031, 345967, 186561, 973189, 244348, 391491, 397021,
+614839 and 908213 were)."""
 
 FULL = {"null": 60, "single": 90, "pair": 30, "outside": 30, "absorbed": 20, "measurement": 10}
 QUICK = {"null": 5, "single": 6, "pair": 2, "outside": 3, "absorbed": 2, "measurement": 2}
