@@ -148,6 +148,7 @@ def dome_advice(quiet):
     return advise(quiet, [VIGNETTING, CURVATURE])
 
 
+@pytest.mark.slow
 def test_vignetting_and_field_curvature_need_a_design(quiet, dome_advice):
     """Both are round: no turn helps."""
     assert dome_advice.command and "turned" not in dome_advice.setup

@@ -34,6 +34,7 @@ def run(folder: Path, *options: str):
     return CliRunner().invoke(app, ["align", *files, "-o", str(folder / "out.tif"), *options])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "pitch", "narrower"),
     [(1.0, False, False), (0.98, False, True), (0.999, False, False), (1.1, True, False)],
@@ -59,6 +60,7 @@ def test_a_recording_without_a_pitch_is_sent_to_convert(pair):
     assert "recording.txt: pitch: no pitch in the file, allowed with --pitch-um DX [DY] of convert" in done.stderr
 
 
+@pytest.mark.slow
 def test_leaves_map_and_report_and_never_overwrites(pair):
     report = pair / "align.yaml"
     done = run(pair, "--allow-mirror", "--report", str(report))
@@ -74,6 +76,7 @@ def test_leaves_map_and_report_and_never_overwrites(pair):
     assert "--overwrite" in again.output
 
 
+@pytest.mark.slow
 def test_mirrored_recording_is_refused_in_one_line_and_leaves_nothing(pair):
     refused = run(pair, "--report", str(pair / "align.yaml"))
     assert refused.exit_code == 1

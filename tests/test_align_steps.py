@@ -170,6 +170,7 @@ def test_substrate_is_bare_ground_a_margin_away_in_um():
     assert np.flatnonzero(~bare[:, 10]).tolist() == list(range(5, 16))  # less than 6 pixels of 0.25 µm
 
 
+@pytest.mark.slow
 def test_offset_and_tilt_are_told_at_the_recordings_centre():
     """The plane 2 µm + 20 mrad·x over a recording in which the part lies 4 µm aside and turned."""
     target = designs.f(size_um=20.0, pitch_um=0.5, margin_um=4.0)

@@ -24,6 +24,7 @@ def recorded(target: HeightMap, **truth) -> HeightMap:
     return record(target, replace(EASY, **truth), np.random.default_rng(1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, -90.0, 33.0])
 def test_pose_is_found_with_the_signs_of_the_contract(turn):
     found = align(recorded(letter(), rotation_deg=turn, shift_um=(5.0, -3.0)), letter())
@@ -33,6 +34,7 @@ def test_pose_is_found_with_the_signs_of_the_contract(turn):
     assert found.cc > 0.95
 
 
+@pytest.mark.slow
 def test_pixels_of_a_quarter_turn_read_in_place():
     """No arithmetic of ours: the picture is turned by numpy and must come back as drawn."""
     target = letter()
@@ -41,6 +43,7 @@ def test_pixels_of_a_quarter_turn_read_in_place():
     np.testing.assert_allclose(found.aligned.heights_um, target.heights_um, atol=0.02)
 
 
+@pytest.mark.slow
 def test_tilt_offset_gaps_and_spikes_do_not_move_it():
     truth = {"rotation_deg": 120.0, "shift_um": (4.0, 6.0), "tilt_mrad": (10.0, -7.0), "offset_um": 2.0}
     found = align(recorded(letter(), missing=0.3, spikes=0.003, **truth), letter())
@@ -55,6 +58,7 @@ def test_tilt_offset_gaps_and_spikes_do_not_move_it():
     assert abs(np.nanmedian(found.aligned.heights_um[bare])) < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [(0.09, 0.09), (0.9, 0.9), (0.3, 0.2)])
 def test_other_pitches(pitch):
     found = align(recorded(letter(), pitch_um=pitch, rotation_deg=-70.0, shift_um=(-3.0, 2.0)), letter())
@@ -62,6 +66,7 @@ def test_other_pitches(pitch):
     assert found.aligned.same_grid(letter())
 
 
+@pytest.mark.slow
 def test_scale_is_noticed_and_a_rigid_pose_is_left_rigid():
     air = designs.air(size_um=40.0, pitch_um=0.3, margin_um=0.0, base_um=0.5, correlation_um=3.0, seed=2)
     inner = air.with_heights(air.heights_um[15:-15, 15:-15])
@@ -74,6 +79,7 @@ def test_scale_is_noticed_and_a_rigid_pose_is_left_rigid():
     assert plain.pose.scale == pytest.approx((1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_mirror_image_is_refused_or_turned_back():
     mirrored = recorded(letter(), mirrored=True, rotation_deg=20.0)
     with pytest.raises(ResultError, match="mirrored"):
@@ -84,6 +90,7 @@ def test_mirror_image_is_refused_or_turned_back():
     assert found.cc > 0.95
 
 
+@pytest.mark.slow
 def test_symmetric_target_takes_the_smallest_rotation_and_says_so():
     lenses = designs.lens_array(height_um=2.0, **SMALL)
     found = align(recorded(lenses, rotation_deg=100.0), lenses)
@@ -91,6 +98,7 @@ def test_symmetric_target_takes_the_smallest_rotation_and_says_so():
     assert found.symmetry == "4-fold"
 
 
+@pytest.mark.slow
 def test_round_part_keeps_rotation_zero_with_an_open_uncertainty():
     x, y = np.meshgrid(np.arange(-60, 61), np.arange(-60, 61))
     ring = HeightMap(2.0 + np.cos(np.hypot(x, y) ** 2 / 250), 0.3, 0.3)
@@ -102,6 +110,7 @@ def test_round_part_keeps_rotation_zero_with_an_open_uncertainty():
     assert found.symmetry == "round"
 
 
+@pytest.mark.slow
 def test_a_smooth_round_part_needs_to_be_known():
     """A lens of 500 µm radius in a view of a sphere that shows no edge: any hump would do as well."""
     target = designs.lens(size_um=60.0, margin_um=0.0, pitch_um=0.6, radius_um=500.0)
@@ -122,6 +131,7 @@ def test_a_smooth_round_part_needs_to_be_known():
         align(designs.air(seed=1, **SMALL), designs.air(seed=2, **SMALL))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("recording", "target"),
     [
@@ -143,6 +153,7 @@ def test_recording_smaller_than_the_part_is_refused():
         align(part, letter())
 
 
+@pytest.mark.slow
 def test_keep_missing_leaves_gaps_and_filling_stays_in_the_hull():
     recording = recorded(letter(), missing=0.1)
     kept = align(recording, letter(), keep_missing=True)
@@ -153,6 +164,7 @@ def test_keep_missing_leaves_gaps_and_filling_stays_in_the_hull():
     np.testing.assert_array_equal(filled.aligned.filled, np.isnan(kept.aligned.heights_um))
 
 
+@pytest.mark.slow
 def test_report_reads_back_with_floats_and_an_uncertainty_for_each_figure():
     figures = align(recorded(letter()), letter()).as_dict()
     assert yaml.safe_load(yaml.safe_dump(figures, sort_keys=False)) == figures

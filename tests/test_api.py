@@ -53,6 +53,7 @@ def test_files_come_back_as_they_were_written(tmp_path, target):
     assert dlw.read_parameters(tmp_path / "process.yaml").paper == dlw.ParameterSet().paper
 
 
+@pytest.mark.slow
 def test_what_was_printed_is_calibrated_and_corrected(target, recording):
     found = dlw.calibrate([(target, recording)], fix=["crosslink_fwhm_z_um"])
     printed = dlw.predict(target, found.parameters)
@@ -100,6 +101,7 @@ def test_bad_input_is_said_in_one_line(call, said, target):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_maps_draw_themselves(tmp_path, target, recording):
     for figure in (dlw.plot(target), dlw.plot(target, recording, names=("design", "print"))):
         figure.savefig(tmp_path / "figure.png")

@@ -157,6 +157,7 @@ def test_a_format_is_registered_once():
     assert {".tif", ".npy", ".csv", ".txt.gz", ".png", ".stl", ".gsf"} <= formats().keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0.5, 0.999])
 def test_a_cut_tiff_is_refused_in_one_line_by_a_program_of_its_own(tmp_path, kept):
     """In a process that has read nothing yet: the library's own words must not reach the user either."""

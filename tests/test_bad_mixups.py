@@ -59,6 +59,7 @@ def align(call, recording, *options):
     return call("align", f"{recording}.tif", "target.tif", "-o", "out.tif", "--overwrite", *options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("recording", "said"),
     [
@@ -80,6 +81,7 @@ def test_align_refuses(call, tmp_path, recording, said):
     assert not (tmp_path / "out.tif").exists()
 
 
+@pytest.mark.slow
 def test_align_warns_where_a_few_points_are_clipped(call, tmp_path):
     few = np.sort(WIDE.ravel())[-30]
     write_height_map(tmp_path / "few.tif", HeightMap(np.minimum(WIDE, few), 0.5, 0.5))
@@ -88,6 +90,7 @@ def test_align_warns_where_a_few_points_are_clipped(call, tmp_path):
     assert f"warning: few.tif: 30 points at the highest height, {few:.4g} µm: is the recording clip" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_good_recording_is_no_matter_of_doubt(call):
     assert align(call, "recording").stderr == ""
     assert call("score", "target.tif", "aligned.tif").stderr == ""
@@ -108,6 +111,7 @@ def test_pairs_that_do_not_belong_together(call, recording, said):
     assert any(line.startswith(f"warning: {recording}.tif: ") and said in line for line in result.stderr.splitlines())
 
 
+@pytest.mark.slow
 def test_pairs_of_a_fit_that_do_not_belong_together(call):
     words = [*KAPPAS, "--wall-px", 1, "-o", "p.yaml"]
     result = call("calibrate", "--pair", "target.tif", "mirrored_aligned.tif", *words)
@@ -140,6 +144,7 @@ def test_heights_given_in_mm_show_against_the_target(call):
     assert disagreement(TARGET, PRINTED.with_heights(PRINTED.heights_um * 1e-3))
 
 
+@pytest.mark.slow
 def test_levelling_twice_is_told(call):
     assert align(call, "recording").exit_code == 0
     result = call("align", "out.tif", "target.tif", "-o", "again.tif")
@@ -168,6 +173,7 @@ def test_a_file_changed_since_has_no_history(call):
     assert call("precompensate", "corrected.tif", "-o", "c.tif").stderr == ""
 
 
+@pytest.mark.slow
 def test_target_and_recording_swapped(call):
     words = ["--size-um", 30, "--pitch-um", 0.5, "--margin-um", 5]
     assert call("design", "f", "-o", "design.tif", *words).exit_code == 0
@@ -175,6 +181,7 @@ def test_target_and_recording_swapped(call):
     assert "swapped?" in call("score", "al.tif", "design.tif").stderr
 
 
+@pytest.mark.slow
 def test_a_design_in_the_place_of_the_recording(call):
     words = ["--size-um", 30, "--pitch-um", 0.5, "--margin-um", 5]
     assert call("design", "f", "-o", "design.tif", *words).exit_code == 0

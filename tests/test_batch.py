@@ -157,6 +157,7 @@ def test_one_failure_stops_its_own_structure_only(folder):
     assert sorted(path.name for path in (folder / "stl").glob("*.stl")) == ["a.stl", "c.stl"]
 
 
+@pytest.mark.slow
 def test_local_processes_give_the_same_bytes(folder):
     assert batch_of(folder).exit_code == 0
     alone = {path.name: path.read_bytes() for path in (folder / "predicted").glob("*.tif")}
@@ -245,6 +246,7 @@ def fatal_for_three(number):
     return number * number
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
 def test_a_worker_that_dies_takes_only_its_own_job_with_it():
     found = dict(work(fatal_for_three, range(6), processes=2))

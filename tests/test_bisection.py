@@ -77,6 +77,7 @@ def run(*arguments):
     return CliRunner().invoke(app, ["export-stl", *map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_max_faces_merges_within_the_bound_or_refuses(tmp_path):
     path, out = tmp_path / "lens.tif", tmp_path / "lens.stl"
     write_height_map(path, lens(size_um=40, pitch_um=0.2, margin_um=4))

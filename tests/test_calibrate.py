@@ -41,6 +41,7 @@ def noisy(heights: HeightMap, seed: int) -> HeightMap:
 
 
 class TestLoss:
+    @pytest.mark.slow
     def test_a_robust_fit_hardly_feels_spikes(self, air, printed):
         clean, free = noisy(printed, 0), choose(TRUTH, free=KAPPAS)
         spikes = np.random.default_rng(0).random(air.shape) < 0.02
@@ -53,12 +54,14 @@ class TestLoss:
         assert moved(True) < 2e-3
         assert moved(True) < 0.2 * moved(False)
 
+    @pytest.mark.slow
     def test_both_methods_find_the_height_factors(self, air, printed):
         free = choose(replace(TRUTH, paper=replace(TRUTH.paper, shrinkage_min=0.6)), free=KAPPAS)
         for method, tolerance in (("fast", 1e-3), ("simplex", 2e-3)):
             found = calibrate([prepare(air, printed)], free, method=method, profile=False)
             np.testing.assert_allclose(found.end.vector, [0.74, 0.96], atol=tolerance)
 
+    @pytest.mark.slow
     def test_the_simplex_ends_where_the_plain_error_is_lowest(self, air, printed):
         """What the likelihood takes for noise of a long correlation, the simplex fits."""
         x = np.broadcast_to(air.x_um, air.shape)
@@ -70,6 +73,7 @@ class TestLoss:
         assert fits[1].end.rmse_um() <= fits[0].end.rmse_um() + 1e-6
 
 
+@pytest.mark.slow
 def test_priors_decide_what_the_data_leave_open(air):
     """A flat part cannot tell threshold from focus: with its prior the focus stays, bare it may be anything."""
     flat = air.with_heights(np.where(air.heights_um > 0, 4.0, 0.0))
@@ -84,6 +88,7 @@ def test_priors_decide_what_the_data_leave_open(air):
     assert known.end.vector[0] == pytest.approx(1.5, rel=0.3)
 
 
+@pytest.mark.slow
 def test_the_worst_known_has_its_profile_taken_and_the_others_on_demand(air):
     flat = air.with_heights(np.where(air.heights_um > 0, 4.0, 0.0))
     pair = prepare(flat, noisy(predict(flat, TRUTH), 0))
@@ -93,6 +98,7 @@ def test_the_worst_known_has_its_profile_taken_and_the_others_on_demand(air):
     assert set(taken[2]) >= set(taken[1])
 
 
+@pytest.mark.slow
 def test_offset_tilt_and_shift_of_a_relative_map_are_found(air, printed):
     x, y = np.meshgrid(air.x_um, air.y_um)
     tilted = HeightMap(noisy(printed, 0).heights_um - 3.0 + 0.01 * x - 0.004 * y, 0.5, 0.5, "relative")
@@ -104,6 +110,7 @@ def test_offset_tilt_and_shift_of_a_relative_map_are_found(air, printed):
     assert abs(moved["shift_x"]) < 0.05
 
 
+@pytest.mark.slow
 def test_a_shift_does_not_bend_the_parameters_where_it_is_free(air, printed):
     moved = printed.heights_um - 0.1 * np.gradient(printed.heights_um, 0.5, axis=1)
     seen, free = noisy(printed.with_heights(moved), 0), choose(TRUTH, free=("exposure_fwhm_xy_um",))
@@ -116,6 +123,7 @@ def test_a_shift_does_not_bend_the_parameters_where_it_is_free(air, printed):
     assert any("against its prediction: align it again" in w for w in found.warnings)
 
 
+@pytest.mark.slow
 def test_effects_of_the_start_are_fitted_too(air):
     curl = library()["curl"]
     truth = replace(TRUTH, effects=(curl(rise_um=0.3),))
@@ -177,6 +185,7 @@ class TestRecovery:
 class TestPixels:
     """The same target, taken as smooth between its pixels and as squares."""
 
+    @pytest.mark.slow
     def test_width_of_the_focus_depends_on_the_reading_as_is_said(self):
         chirp, width = designs.cin(size_um=24.0, **COMMON), TRUTH.paper.exposure_fwhm_xy_um
         squares = HeightMap(np.kron(chirp.heights_um, np.ones((9, 9))), 0.5 / 9, 0.5 / 9)
@@ -186,6 +195,7 @@ class TestPixels:
         assert width_if_square(found.end.vector[0], 0.5) == pytest.approx(width, rel=0.05)
         assert any("how pixels of 0.5 µm are read" in w for w in found.warnings)
 
+    @pytest.mark.slow
     def test_a_smooth_target_needs_no_finer_pixels(self):
         fine = designs.cin(size_um=24.0, pitch_um=0.5 / 3, margin_um=4.0)
         chirp, printed = (HeightMap(part.heights_um[1::3, 1::3], 0.5, 0.5) for part in (fine, predict(fine, TRUTH)))
@@ -194,12 +204,14 @@ class TestPixels:
         assert low < TRUTH.paper.exposure_fwhm_xy_um < high
 
 
+@pytest.mark.slow
 def test_rounding_does_not_lift_the_lowest_factor_above_a_fixed_highest_one(air, printed):
     fixed = replace(TRUTH, paper=replace(TRUTH.paper, shrinkage_min=0.3, shrinkage_max=0.30983617388769175))
     found = calibrate([prepare(air, printed)], choose(fixed, free=("shrinkage_min",)), profile=False)
     assert found.parameters.paper.shrinkage_min == found.parameters.paper.shrinkage_max
 
 
+@pytest.mark.slow
 def test_same_seed_same_result(air, printed):
     pair, free = prepare(air, noisy(printed, 0)), choose(ParameterSet(), free=KAPPAS)
     first, second = (calibrate([pair], free, seed=3) for _ in range(2))
@@ -207,6 +219,7 @@ def test_same_seed_same_result(air, printed):
     np.testing.assert_array_equal(first.intervals.ends, second.intervals.ends)
 
 
+@pytest.mark.slow
 def test_work_is_counted_and_places_are_shown(air, printed):
     seen = []
     work = Work(seen=seen.append)
@@ -216,6 +229,7 @@ def test_work_is_counted_and_places_are_shown(air, printed):
     assert found.end.vector.tolist() in [fit.vector.tolist() for fit in seen]
 
 
+@pytest.mark.slow
 def test_a_fit_never_ends_above_its_start(air, printed, monkeypatch):
     """The rough fit has another loss: where the start costs less than its end, the descent begins at the start."""
     from dlwpredict.calibration import run

@@ -50,6 +50,7 @@ def call(folder, tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_two_pairs_give_parameters_report_and_provenance(call, tmp_path):
     result = call(
         "--pair",
@@ -73,6 +74,7 @@ def test_two_pairs_give_parameters_report_and_provenance(call, tmp_path):
     assert report["holdout"]["rmse_um"] == pytest.approx(0.01, rel=0.1)
 
 
+@pytest.mark.slow
 def test_same_command_same_bytes(call, tmp_path):
     words = ("--pair", "target.tif", "aligned.tif", *KAPPAS, "--overwrite", "--report", tmp_path / "r.yaml")
     texts = []
@@ -145,6 +147,7 @@ def test_interrupt_leaves_the_best_so_far_under_a_partial_name(call, tmp_path, m
     assert read_parameters(tmp_path / "p.partial.yaml").paper
 
 
+@pytest.mark.slow
 def test_the_bare_fit_and_the_papers_are_there_for_the_asking(call, tmp_path):
     """Priors move what they are about; κ has none, so three ways of fitting it agree."""
     found = []
@@ -156,6 +159,7 @@ def test_the_bare_fit_and_the_papers_are_there_for_the_asking(call, tmp_path):
         assert one.shrinkage_max == pytest.approx(found[0].shrinkage_max, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_report_keeps_its_keys(call, tmp_path):
     assert call("--pair", "target.tif", "aligned.tif", *KAPPAS, "--report", tmp_path / "r.yaml").exit_code == 0
     report = read_yaml(tmp_path / "r.yaml")
@@ -178,6 +182,7 @@ def test_the_report_keeps_its_keys(call, tmp_path):
     assert report["noise_from"] == "residual" and set(report["work"]) == {"fit", "all"}
 
 
+@pytest.mark.slow
 def test_a_parameter_at_its_bound_is_not_identified(call, tmp_path, folder):
     """The truth, 0.96, lies beyond the bound: however narrow the interval there, it is the bound's."""
     write_parameters(
@@ -194,6 +199,7 @@ def test_a_parameter_at_its_bound_is_not_identified(call, tmp_path, folder):
     assert found["shrinkage_min"]["identified"] is True
 
 
+@pytest.mark.slow
 def test_a_process_from_relative_heights_says_so_where_it_is_used(call, tmp_path, folder):
     aligned = read_height_map(folder / "aligned.tif")
     write_height_map(folder / "relative.tif", replace(aligned, height_reference="relative"))

@@ -129,6 +129,7 @@ def test_every_command_is_listed_with_its_own_first_line():
     }
 
 
+@pytest.mark.slow
 def test_the_list_of_commands_needs_none_of_them():
     """Neither as help nor while the shell completes a name: numpy alone would take longer than all that is shown."""
     asked = {"_DLWPREDICT_COMPLETE": "complete_bash", "COMP_WORDS": "dlwpredict pre", "COMP_CWORD": "1"}
@@ -187,6 +188,7 @@ def shown(arguments, terminal, **environment):
     return text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminal")
 @pytest.mark.parametrize("arguments", [["score", "--help"], ["predict", "absent.tif"]])
 def test_colour_on_a_terminal_only_and_not_with_no_color(arguments):

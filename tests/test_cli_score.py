@@ -84,6 +84,7 @@ def test_substrate_is_told_and_can_be_left_out(tmp_path):
     assert "100 % of the part" in run(path, path, "--part-only").stdout
 
 
+@pytest.mark.slow
 def test_the_picture_is_drawn(pair, tmp_path):
     picture = tmp_path / "score.png"
     assert run(*pair, "--plot", picture).exit_code == 0

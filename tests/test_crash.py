@@ -30,6 +30,7 @@ def test_no_command_is_forgotten():
     assert commands() <= COMMANDS.keys() | WRITE_NOTHING | OTHERS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", QUICK)
 def test_a_kill_leaves_the_old_output_or_the_new_one(source, tmp_path, command):
     """Whether a kill comes before the renaming is chance: it is tried until one has."""
@@ -58,10 +59,12 @@ def test_a_full_disk_or_a_closed_folder_is_one_line(source, tmp_path):
     assert "folder cannot be written to" in read_only(COMMANDS["convert"], source, tmp_path / "closed")
 
 
+@pytest.mark.slow
 def test_a_killed_batch_goes_on_as_if_nothing_had_happened(tmp_path):
     assert resumed(tmp_path, kills=1, seed=0)["killed"] == 1
 
 
+@pytest.mark.slow
 def test_of_two_writers_one_wins_whole(source, tmp_path):
     first, second = ("convert", "large.tif", "out.csv"), ("convert", "target.tif", "out.csv")
     assert two_at_once(first, second, source, tmp_path / "work", 3).total() == 3

@@ -108,6 +108,7 @@ def curled(part):
 
 
 class TestSignatures:
+    @pytest.mark.slow
     def test_of_a_linear_effect_are_what_it_does(self, curled):
         _, fit, signatures, _ = curled
         place = next(k for k, one in enumerate(signatures.chosen) if one.switch == "sag_um")
@@ -162,6 +163,7 @@ class TestScreen:
         assert screen.spread[seen].min() >= 1
         assert np.median(screen.spread[seen]) < np.hypot(1.2, whole)
 
+    @pytest.mark.slow
     def test_beside_a_named_effect_sets_weigh_what_they_do_without(self, part, curled):
         """Curl is linear in height: named or not, it gains the same, and so does its rival."""
         truth = ParameterSet(paper=PAPER, effects=(library()["curl"](rise_um=0.1),))
@@ -238,6 +240,7 @@ class TestThresholds:
         both, one = (thresholds(screen_of(np.eye(1), signs), 0.025, 0.1, 20.0) for signs in ([0], [1]))
         assert one.first == pytest.approx(stats.chi2.ppf(0.95, 1), rel=0.12) and one.first < both.first
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("products", "signs"), [(correlated(9), np.arange(9) % 2), (0.07 * np.eye(7) + 0.93, np.zeros(7))]
     )

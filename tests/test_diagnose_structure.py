@@ -119,6 +119,7 @@ class TestSpot:
         assert squares[:, 12:-12, 12:-12].mean(axis=(1, 2)) == pytest.approx(1, abs=0.15)
 
 
+@pytest.mark.slow
 def test_ripples_and_spots_have_the_level_they_claim():
     grid, rng = HeightMap(np.ones((24, 24)), 0.4, 0.4), np.random.default_rng(12)
     item = white_item(grid)

@@ -46,6 +46,7 @@ def example(command):
     return lines[0] if lines else None
 
 
+@pytest.mark.slow
 def test_the_reference_is_what_the_commands_say():
     """With another typer the wording may differ, the headings and options may not."""
     kept = (DOCS / "commands.md").read_text(encoding="utf-8")

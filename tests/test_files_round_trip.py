@@ -72,6 +72,7 @@ def test_equal_maps_give_equal_bytes(tmp_path, ending):
     assert sorted(tmp_path.iterdir()) == [first, second]
 
 
+@pytest.mark.slow
 @given(part=maps())
 @settings(max_examples=60, deadline=None)
 def test_tiff_and_text_keep_everything(tmp_path_factory, part):

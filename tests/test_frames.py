@@ -54,6 +54,7 @@ class TestFiles:
 
 
 class TestAlignment:
+    @pytest.mark.slow
     def test_lines_of_the_scan_stay_lines_of_the_scan(self, part):
         """A sample that lies turned by 90°: the scan along x runs along −y of the target."""
         seen = HeightMap(np.rot90(part.heights_um), part.dy_um, part.dx_um, instrument=Instrument("afm", 0.0))
@@ -63,6 +64,7 @@ class TestAlignment:
         assert found.aligned.instrument.fast_axis_deg == pytest.approx(-90, abs=0.1)
         assert found.as_dict()["instrument_fast_axis_deg"] == found.aligned.instrument.fast_axis_deg
 
+    @pytest.mark.slow
     def test_a_recording_that_was_turned_back_has_its_lines_turned_back(self, part):
         seen = HeightMap(part.heights_um[:, ::-1], part.dx_um, part.dy_um, instrument=Instrument("confocal", 20.0))
         found = align(seen, part, allow_mirror=True)

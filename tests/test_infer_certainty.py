@@ -87,6 +87,7 @@ class TestDeviations:
         assert np.isinf(sd[0]) and np.isfinite(sd[1])
         np.testing.assert_array_equal(linear(free, free.start, sd)[0], [free.low[0], free.high[0]])
 
+    @pytest.mark.slow
     def test_95_percent_intervals_hold_the_truth_in_95_percent(self):
         """Of slope and mean, in correlated noise: of 400 intervals, one in twenty misses, give or take."""
         noise, rng = Noise(0.01, 0.03, 1.0, 0.5, 0.5), np.random.default_rng(0)

@@ -143,6 +143,7 @@ def recorded(target: HeightMap, truth: ParameterSet, rng: np.random.Generator) -
 
 
 class TestFitter:
+    @pytest.mark.slow
     @pytest.mark.parametrize("seed", [20, 21, 25])
     def test_comes_to_rest_where_one_from_the_truth_does(self, seed):
         """From the paper's defaults, along valleys that bend: crawling along them, two ended 15 and 37 higher."""
@@ -232,6 +233,7 @@ class TestFitter:
         quick = [fitting._quick(objective, free, [Start(LOW, near)])[0] for near in (parent, parent.light)]
         assert quick[1].cost == pytest.approx(quick[0].cost, abs=0.1)
 
+    @pytest.mark.slow
     def test_a_model_costs_no_more_than_one_that_it_holds(self, air, printed):
         """A start that an answer to first order has thrown far away ends no higher than the parent all the same."""
         objective, free = objective_of(air, printed, 0.01), choose(LOW)

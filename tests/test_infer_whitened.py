@@ -233,6 +233,7 @@ def test_where_a_width_went_far_a_fit_begins_again_from_the_paper_and_typical_ef
     assert found.paper == Paper() and found.effects[0].rise_um == pytest.approx(-0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "name", "weak", "strong"),
     [(18, "dose-proximity", {"gain": 0.05}, {"gain": 0.2}),
@@ -254,6 +255,7 @@ def test_the_best_fit_comes_to_rest_where_one_from_the_truth_does(seed, name, we
     assert found.cost == pytest.approx(best.cost, abs=1)
 
 
+@pytest.mark.slow
 def test_a_valley_beside_the_paper_is_found_from_where_the_smaller_model_ended():
     """The seven alone answer to a memory of the dose with a far-off threshold; from there χ² ended 880 higher."""
     rng, memory = np.random.default_rng(0), library()["dose-memory"]

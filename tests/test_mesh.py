@@ -46,6 +46,7 @@ def seen(made):
     return seen_from_above(made.vertices_um[made.faces], DX, DY)
 
 
+@pytest.mark.slow
 @given(
     heights=arrays(
         float,

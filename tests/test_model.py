@@ -192,6 +192,7 @@ PROCESSES = [
 
 
 class TestNumericsAgree:
+    @pytest.mark.slow
     @pytest.mark.parametrize("paper", PROCESSES)
     def test_voxels_converge_to_levels_linearly(self, paper):
         part = uneven()

@@ -41,6 +41,7 @@ def mutant(old: str, new: str, **reasons: str) -> Mutant:
     return Mutant("dlwpredict/sums.py", old, new, ("tests/test_sums.py",), **reasons)
 
 
+@pytest.mark.slow
 def test_the_runner_tells_caught_from_missed_and_leaves_the_checkout_alone(project):
     before = {path: path.read_bytes() for path in project.rglob("*") if path.is_file()}
     seen, unseen, odd = mutant("2 * x", "3 * x"), mutant("2 * x", "x + x", equivalent="a sum"), mutant("2 * x", "2 *")
@@ -55,6 +56,7 @@ def test_the_runner_tells_caught_from_missed_and_leaves_the_checkout_alone(proje
     assert "equivalent: a sum" in said and said.count("NO REASON GIVEN") == 1
 
 
+@pytest.mark.slow
 def test_a_project_that_fails_by_itself_is_refused(project):
     (project / "tests" / "test_sums.py").write_text("def test_wrong():\n    assert False\n")
     with (
@@ -64,6 +66,7 @@ def test_a_project_that_fails_by_itself_is_refused(project):
         copy.require_passing(["tests/test_sums.py"])
 
 
+@pytest.mark.slow
 def test_tests_that_do_not_end_have_caught_their_mutant(project):
     copy = Copy(project, timeout_s=5.0)
     assert copy.judge(mutant("return 2 * x", "while True: pass")).by == "no end"

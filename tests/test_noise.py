@@ -51,6 +51,7 @@ class TestAlgebra:
         assert Noise(0.01, 0.0, 1.0, 0.4, 0.4).effective_points(used) == pytest.approx(used.sum())
 
 
+@pytest.mark.slow
 def test_draws_have_the_models_covariance():
     rng = np.random.default_rng(7)
     draws = np.array([MODEL.simulate((12, 12), rng) for _ in range(4000)])
@@ -108,6 +109,7 @@ ROWS = Lines(white_um=0.006, red_um=0.005, red_lines=2.0, hum_um=0.003, hum_line
 UNEVEN = Uneven(NOISE, jitter_um=0.03, power=1.0, rows=ROWS, columns=Lines(white_um=0.004))
 
 
+@pytest.mark.slow
 def test_uneven_noise_has_the_covariance_that_it_says():
     """S C S + K(rows) + τ²·x·x'·[same row] + σ_l²·[same column], by the whitener and by draws."""
     used = np.ones((9, 11), dtype=bool)
@@ -130,6 +132,7 @@ def test_uneven_noise_has_the_covariance_that_it_says():
     np.testing.assert_allclose(np.cov(draws.T), covariance, atol=0.1 * covariance.max())
 
 
+@pytest.mark.slow
 def test_uneven_noise_is_recognised_and_even_noise_is_not_called_so():
     used, rng = np.ones((80, 80), dtype=bool), np.random.default_rng(5)
     used[30:33] = False
@@ -166,6 +169,7 @@ class TestLines:
         level = np.stack([np.ones(x.shape), x, y])
         return estimate(values, used, (0.3, 0.3), level, ground=Ground(axes=axes), seed=1).model
 
+    @pytest.mark.slow
     def test_drift_hum_and_tilts_are_told_apart(self):
         found = [self.estimated(Lines(0.002, 0.005, 4.0, 0.006, 30.0, 4.5, 0.0057), seed).rows for seed in range(3)]
         assert np.median([one.period_lines for one in found]) == pytest.approx(4.5, rel=0.03)
@@ -173,6 +177,7 @@ class TestLines:
         assert np.median([one.tilt_um for one in found]) == pytest.approx(0.0057, rel=0.15)
         assert np.median([np.hypot(one.red_um, one.white_um) for one in found]) == pytest.approx(0.0054, rel=0.35)
 
+    @pytest.mark.slow
     def test_offsets_that_are_independent_are_not_said_to_drift_swing_or_tilt(self):
         found = [self.estimated(Lines(0.004), seed) for seed in range(6)]
         assert [one.row_um for one in found] == pytest.approx([0.004] * 6, rel=0.25)
@@ -193,6 +198,7 @@ def test_whitening_does_not_look_at_what_was_not_measured(holes):
     assert whitener.shape == (holes.sum(), holes.sum())
 
 
+@pytest.mark.slow
 def test_noise_beside_model_error_is_recovered(holes):
     """A smooth mismatch ten times the noise, which the free form can follow, does not change the estimate."""
     rng = np.random.default_rng(2)
@@ -206,6 +212,7 @@ def test_noise_beside_model_error_is_recovered(holes):
     assert np.median([n.even.length_um for n in found]) == pytest.approx(1.0, rel=0.25)
 
 
+@pytest.mark.slow
 def test_spikes_have_no_say_in_the_noise(holes):
     rng = np.random.default_rng(3)
     values, level = NOISE.simulate(holes.shape, rng), np.ones((1, *holes.shape))
@@ -289,6 +296,7 @@ def test_a_point_is_given_all_its_measured_neighbours_and_no_others(share):
         assert variances[point] == pytest.approx(covariance[point, point] - covariance[point, known] @ expected)
 
 
+@pytest.mark.slow
 def test_many_forms_beside_the_noise_are_paid_for():
     """120 waves take a sixth of what is correlated; not counted, it would come out weaker and shorter."""
     truth, rng = Noise(0.004, 0.015, 1.5, 0.4, 0.4), np.random.default_rng(10)

@@ -155,6 +155,7 @@ def images(text):
     return [base64.b64decode(found).decode() for found in re.findall(r"data:image/svg\+xml;base64,([^\"]+)", text)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [invented, ambiguous])
 def test_the_page_says_all_that_the_diagnosis_holds(tmp_path, maps, make):
     content = make()
@@ -175,6 +176,7 @@ def test_the_page_says_all_that_the_diagnosis_holds(tmp_path, maps, make):
     assert [one for one in said if one not in text] == []
 
 
+@pytest.mark.slow
 def test_what_is_likelier_than_the_effect_fitted_stands_in_its_place_not_in_its_own(tmp_path, maps):
     """A class names the likeliest first, which need not be the one whose model this is."""
     content = ambiguous()
@@ -195,6 +197,7 @@ def test_what_is_likelier_than_the_effect_fitted_stands_in_its_place_not_in_its_
     )
 
 
+@pytest.mark.slow
 def test_page_and_terminal_say_how_sure_and_how_far(tmp_path, maps):
     content = ambiguous() | {"complete": False, "not_tried": ["curl", "z-drift"], "working_pitch_um": 0.4}
     content["work"] = {"predictions": 412.3, "cpu_s": 33.2}
@@ -215,11 +218,13 @@ def test_page_and_terminal_say_how_sure_and_how_far(tmp_path, maps):
     assert "not complete" not in Reader(written(tmp_path / "whole.html", whole, maps)).text
 
 
+@pytest.mark.slow
 def test_without_its_own_sentence_the_verdict_makes_one(tmp_path, maps):
     text = Reader(written(tmp_path / "report.html", invented(), maps)).text
     assert "The model lacks dose-memory: the error falls from 84.1 nm to 21.2 nm." in text
 
 
+@pytest.mark.slow
 def test_every_pair_has_four_maps_and_two_profiles_and_two_maps_where_nothing_was_named(tmp_path, maps):
     assert len(images(written(tmp_path / "some.html", invented(), maps))) == 6 * len(maps)
     nothing = invented(verdict="none", findings=[], locations=[], not_testable=[], tested=[])
@@ -230,6 +235,7 @@ def test_every_pair_has_four_maps_and_two_profiles_and_two_maps_where_nothing_wa
     assert "Nothing beyond the noise of 20.0 nm" in text
 
 
+@pytest.mark.slow
 def test_markup_in_names_and_texts_is_shown_not_obeyed(tmp_path, maps):
     evil = """<script>alert("1")</script><img src=x onerror='a'>&amp;"""
     content = ambiguous() | {"sentence": evil, "noise_from": evil, "not_testable": [evil], "tested": [evil]}
@@ -241,6 +247,7 @@ def test_markup_in_names_and_texts_is_shown_not_obeyed(tmp_path, maps):
     assert shown.tags.count("img") == plain.tags.count("img")
 
 
+@pytest.mark.slow
 def test_nothing_outside_the_file_is_asked_for(tmp_path, maps):
     text = written(tmp_path / "report.html", ambiguous(), maps)
     found = Reader(text)
@@ -252,11 +259,13 @@ def test_nothing_outside_the_file_is_asked_for(tmp_path, maps):
     assert [one for one in inner if not one.startswith(("#", "data:"))] == []
 
 
+@pytest.mark.slow
 def test_the_same_diagnosis_gives_the_same_bytes(tmp_path, maps):
     assert written(tmp_path / "a.html", ambiguous(), maps) == written(tmp_path / "b.html", ambiguous(), maps)
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["a.html", "b.html"]
 
 
+@pytest.mark.slow
 def test_a_large_recording_stays_a_small_page(tmp_path):
     rng = np.random.default_rng(0)
     noise = f(pitch_um=0.5).with_heights(rng.normal(0, 1, (900, 900)))
@@ -329,6 +338,7 @@ def test_the_terminal_has_verdict_first_and_what_the_bench_needs():
         assert part in together
 
 
+@pytest.mark.slow
 def test_a_partial_explanation_is_called_one(tmp_path, maps):
     content = invented(verdict="unexplained")
     text = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
@@ -338,6 +348,7 @@ def test_a_partial_explanation_is_called_one(tmp_path, maps):
     assert "unexplained – no named effect explains it" in bare and "Most of the mismatch" not in bare
 
 
+@pytest.mark.slow
 def test_what_could_not_be_left_out_is_said_once_with_the_reason(tmp_path, maps):
     content = invented()
     for part in (content["baseline"], content["extended"]):
@@ -350,6 +361,7 @@ def test_what_could_not_be_left_out_is_said_once_with_the_reason(tmp_path, maps)
     assert said.count("too small to leave blocks of them out") == 1 and "left-out –" not in said
 
 
+@pytest.mark.slow
 def test_a_place_that_is_the_whole_field_gets_no_box(tmp_path, maps):
     half = maps[0].target.size_um[0] / 2
     content = invented()

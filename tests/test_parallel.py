@@ -28,6 +28,7 @@ def workers():
         yield those
 
 
+@pytest.mark.slow
 def test_results_come_in_the_order_of_the_jobs(workers):
     jobs = [(k, 2) for k in range(40)]
     assert workers.each(pow, jobs) == [k**2 for k in range(40)] == each(lambda k: k**2, range(40), threads=2)
@@ -54,6 +55,7 @@ def test_where_a_worker_has_been_killed_the_jobs_are_done_here():
         assert those.each(pow, [(k, 3) for k in range(8)]) == [k**3 for k in range(8)]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
 def test_a_worker_that_is_killed_at_work_is_replaced_by_this_process():
     with Workers(2) as those:
@@ -107,6 +109,7 @@ def alive(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_that_of_one_process(workers):
     """Down to the last figure: what is found must not hang on how many cores a machine has."""
     target = designs.cin(size_um=20, pitch_um=0.5, margin_um=2)

@@ -157,6 +157,7 @@ def call(line):
     return CliRunner().invoke(app, line.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_draws_what_it_did(verb, folder, monkeypatch):
     monkeypatch.chdir(folder)
@@ -178,6 +179,7 @@ def test_a_picture_of_another_kind_is_refused_before_any_work(verb, folder, monk
     assert list(folder.glob(f"{verb}-never*")) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending, start", [("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_vector_pictures(ending, start, folder, monkeypatch):
     monkeypatch.chdir(folder)

@@ -48,6 +48,7 @@ def test_press_prints_what_voxels_predict():
     assert np.sqrt(np.mean(difference**2)) < rounding + 0.003
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cin", "air"])
 def test_press_prints_squares_as_they_are_read(kind):
     """Pixels of 0.4 µm beside a focus of 0.5 µm: read as points they err more than twice as much as as squares."""

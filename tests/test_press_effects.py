@@ -190,6 +190,7 @@ def test_aberrated_pupil_loses_intensity_as_marechal_says_and_the_stated_share_a
     assert loss == pytest.approx([0.05 / 4, 0.05], rel=0.05)
 
 
+@pytest.mark.slow
 def test_quencher_enters_a_wall_as_diffusion_says():
     """Inside q = 2/3 exp(-x/l): value and flux meet those outside, where it is replenished four times as fast."""
     grid = with_layers(plane_grid((60, 80), 0.5, 0.5), 25.0, 0.5)

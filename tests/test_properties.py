@@ -69,6 +69,7 @@ def assert_turned(found: np.ndarray, expected: np.ndarray, target: HeightMap, pr
 
 
 class TestSymmetry:
+    @pytest.mark.slow
     @properties
     @given(targets(), processes(), st.integers(1, 3))
     def test_a_turned_target_prints_turned(self, target, process, turns):
@@ -77,12 +78,14 @@ class TestSymmetry:
         found = np.rot90(printed(turned, process), -turns)
         assert_turned(found, printed(target, process), target, process)
 
+    @pytest.mark.slow
     @properties
     @given(targets(), processes(), st.sampled_from([0, 1]))
     def test_a_mirrored_target_prints_mirrored(self, target, process, axis):
         mirrored = target.with_heights(np.flip(target.heights_um, axis))
         assert_turned(np.flip(printed(mirrored, process), axis), printed(target, process), target, process)
 
+    @pytest.mark.slow
     @properties
     @given(targets(), processes(), st.tuples(*[st.integers(0, 7)] * 4))
     def test_neither_place_nor_room_matters(self, target, process, room):
@@ -127,6 +130,7 @@ class TestOrder:
         first, second = (replace(process, paper=replace(process.paper, threshold=value)) for value in (low, high))
         assert (printed(target, second) - printed(target, first)).max() <= LEVELS_UM
 
+    @pytest.mark.slow
     @properties
     @given(targets(), processes())
     def test_heights_are_linear_in_both_kappas(self, target, process):
@@ -164,6 +168,7 @@ class TestComputing:
             found = printed(target, process)
         assert_same(found, printed(target, process), target, process, 2 * LEVELS_UM)
 
+    @pytest.mark.slow
     @few
     @given(targets(), processes(), st.integers(12, 60))
     def test_tiles_on_disk(self, tmp_path_factory, target, process, side_px):
@@ -176,6 +181,7 @@ class TestComputing:
         Large(canvas, process, side_px, threads=1).predict(folder / "work", found)
         assert_same(found, printed(exact, process), exact, process, TILES_UM)
 
+    @pytest.mark.slow
     @properties
     @given(targets(), processes())
     def test_single_precision_heights(self, target, process):

@@ -51,6 +51,7 @@ def computed_by(core: str, folder: Path) -> tuple[np.ndarray, str]:
     return np.load(path), done.stderr
 
 
+@pytest.mark.slow
 def test_other_matrix_kernels_give_the_same_heights(tmp_path):
     (first, one), (second, other) = (computed_by(core, tmp_path) for core in ("Nehalem", "Haswell"))
     if one == other:

@@ -32,6 +32,7 @@ def air(size_um=20.0, seed=1) -> HeightMap:
 
 
 class TestCalibrate:
+    @pytest.mark.slow
     @few
     @given(
         start=processes(),
@@ -55,6 +56,7 @@ class TestCalibrate:
         assert (found.end.vector >= free.low).all() and (found.end.vector <= free.high).all()
         assert found.parameters.paper.shrinkage_min <= found.parameters.paper.shrinkage_max
 
+    @pytest.mark.slow
     @few
     @given(start=processes(), truth=processes(), seed=SEEDS)
     def test_neither_does_the_simplex(self, start, truth, seed):
@@ -67,6 +69,7 @@ class TestCalibrate:
 
 
 class TestAlign:
+    @pytest.mark.slow
     @settings(few, max_examples=3)
     @given(
         turn_deg=between(-180.0, 180.0),
@@ -104,6 +107,7 @@ def recorded(target, turn_deg, shift_um, tilt_mrad, rng) -> HeightMap:
 
 
 class TestPrecompensate:
+    @pytest.mark.slow
     @properties
     @given(targets(most_px=24), processes(), st.integers(1, 8), st.sampled_from([0, 5]), between(0.0, 1.0))
     def test_ends_bounded_even_where_the_target_is_out_of_reach(self, target, process, most, memory, slicing_um):
@@ -150,6 +154,7 @@ class TestPrecompensate:
         assert found.corrected.heights_um.max() == pytest.approx(0.4)
 
 
+@pytest.mark.slow
 def test_a_process_is_its_own_truth():
     """Calibrated on its own print, as a file keeps it, and from its own values, a process stays where it is.
 

@@ -130,6 +130,7 @@ def bare():
     return Bare.of(drawn, drawn.limit_on)
 
 
+@pytest.mark.slow
 def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(bare):
     seen = bare.sight
     grids = [item.recording.target for item in seen.fit.data]
@@ -139,12 +140,14 @@ def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(bare):
     assert higher["levelling"] + higher["calibration"] > 0.999 and higher["calibration"] > 0.05
 
 
+@pytest.mark.slow
 def test_strength_is_the_wanted_multiple_of_the_limit(bare):
     found = strength(bare.drawn.hidden[0], 2.0, bare)
     assert found["times"] == pytest.approx(2.0, rel=CLOSE) and found["z"] == pytest.approx(2 * LIMIT_Z, rel=CLOSE)
     assert found["entry"]["rise_um"] == found["value"] != 0
 
 
+@pytest.mark.slow
 def test_an_effect_that_calibration_takes_whole_has_no_limit(bare):
     found = strength(named("z-amplification", np.random.default_rng(0)), 3.0, bare)
     assert found["times"] < 0.1 and abs(found["value"]) == library()["z-amplification"].switches()["gain"]
@@ -157,6 +160,7 @@ def sealed_case(tmp_path_factory):
     return folder, name, seals(folder, [name])[name]
 
 
+@pytest.mark.slow
 def test_the_program_is_given_opaque_maps_only(sealed_case):
     folder, name, _ = sealed_case
     files = sorted(file.name for file in Folder(folder).data(name).iterdir())
@@ -175,6 +179,7 @@ def test_a_seal_opens_on_what_was_sealed_and_on_nothing_else(sealed_case):
         judge.opened(folder, name, {**sealed, "maps": {**sealed["maps"], "more.tif": ""}})
 
 
+@pytest.mark.slow
 def test_a_case_is_made_once_and_always_the_same(sealed_case, tmp_path):
     folder, name, sealed = sealed_case
     before = Folder(folder).truth(name).stat().st_mtime_ns
@@ -210,6 +215,7 @@ def test_answers_are_kept_for_one_state_of_the_program(sealed_case, monkeypatch)
     assert len(asked) == 2 and asked[0].count("--pair") == 3 and not any(name in word for word in asked[0])
 
 
+@pytest.mark.slow
 def test_a_failure_of_the_program_is_an_answer(tmp_path):
     data = Folder(tmp_path).data("x")
     data.mkdir(parents=True)
@@ -328,6 +334,7 @@ def test_methods_are_compared_on_the_structure_kept(cases):
     assert found["method: diagnose", "first name is a true one"] == 1
 
 
+@pytest.mark.slow
 def test_page_shows_what_stands_in_its_json(cases, tmp_path):
     page.publish(tmp_path, cases, {"seed": 1, "code": "f" * 64, "cases": {}}, command="make prove", every=6)
     text, summary = (tmp_path / "README.md").read_text(), json.loads((tmp_path / "summary.json").read_text())

@@ -40,6 +40,7 @@ def test_every_command_is_covered():
     assert commands() <= COMMANDS.keys() | WRITE_NOTHING | OTHERS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [HEAVY if name == "diagnose" else name for name in COMMANDS])
 def test_same_command_same_bytes_and_every_output_says_where_it_comes_from(call, tmp_path, command):
     words, given = COMMANDS[command], snapshot(tmp_path)
@@ -65,6 +66,7 @@ def test_same_command_same_bytes_and_every_output_says_where_it_comes_from(call,
     assert call("verify", *outputs).exit_code == 0
 
 
+@pytest.mark.slow
 def test_yaml_and_json_carry_it_themselves_and_stay_readable(call, tmp_path):
     assert call(*COMMANDS["score"]).exit_code == 0
     assert json.loads(Path("score.json").read_text())["provenance"]["inputs"].keys() == {"target.tif", "aligned.tif"}

@@ -111,6 +111,7 @@ def text_of(folder, **words):
     return " ".join(Reader(re.sub(r"<(script|style).*?</\1>", "", whole, flags=re.DOTALL)).text.split()), whole
 
 
+@pytest.mark.slow
 def test_the_report_shows_all_that_the_run_holds(run):
     text, whole = text_of(run)
     # three that lead; target, recording, print, prediction, design, reprint, three differences; profiles
@@ -128,6 +129,7 @@ def test_the_report_shows_all_that_the_run_holds(run):
     assert [one for one in said if one not in text] == []
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_the_score_command(run, tmp_path):
     words = [
         str(run / "letter/target.tif"),
@@ -175,6 +177,7 @@ def test_figures_are_those_of_the_score_command(run, tmp_path):
     assert all(one not in text.partition("Figures")[0] for one in whole)
 
 
+@pytest.mark.slow
 def test_of_relative_heights_the_headline_is_about_their_mean(tmp_path):
     """A millimetre of offset is nobody's error."""
     away = replace(TARGET, heights_um=printed().heights_um + 1e3, height_reference="relative")
@@ -187,6 +190,7 @@ def test_a_target_without_a_print_has_no_figures(tmp_path):
     assert figures(read_run(put(tmp_path / "bare", target=TARGET)).structures[0]) == []
 
 
+@pytest.mark.slow
 def test_generations_stand_in_order_under_their_part(tmp_path):
     folder = put(tmp_path / "runs" / "letter", target=TARGET)
     for k, scale in ((0, 0.8), (2, 1.02), (10, 1.1)):
@@ -269,6 +273,7 @@ def test_comparisons_and_diagnoses_are_counted_once_and_named(tmp_path):
     assert (row.name, row.reference, row.note) == ("aligned.tif", "target.tif", "as stated")
 
 
+@pytest.mark.slow
 def test_names_that_do_not_belong_together_are_told(tmp_path):
     folder = put(tmp_path / "lab", fov_target=TARGET, afm_aligned=printed())
     done = report(folder)
@@ -278,6 +283,7 @@ def test_names_that_do_not_belong_together_are_told(tmp_path):
     assert "start alike" not in report(folder, "--overwrite").stderr
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_named_and_the_rest_is_shown(run):
     (run / "typing.yaml").write_text("format: dlwpredict-parameters/1\nthreshhold: 0.5\n")
     (run / "letter" / "written.tif").write_text("x")
@@ -371,6 +377,7 @@ def places(content, path=()):
     return [found for key, value in inner for found in [(*path, key), *places(value, (*path, key))]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDS)
 def test_a_record_with_anything_in_any_place_gives_a_page_or_one_line(name, tmp_path):
     rng, refused = np.random.default_rng(7), 0
@@ -403,6 +410,7 @@ def test_what_is_no_folder_is_refused(name, said, tmp_path):
     assert said in done.output
 
 
+@pytest.mark.slow
 def test_files_of_others_are_named_not_read(run):
     (run / "compose.yaml").write_text("service: !!python/object:os.system {}\n")
     (run / "list.json").write_text("[1, 2")
@@ -413,6 +421,7 @@ def test_files_of_others_are_named_not_read(run):
     assert "Not shown: compose.yaml, list.json, photo.tif." in text
 
 
+@pytest.mark.slow
 def test_markup_in_names_is_shown_not_obeyed(tmp_path):
     evil = "<img src=x onerror=alert(1)>&amp;"
     run = put(tmp_path / evil, target=TARGET, aligned=printed(), diagnosis=invented(sentence=f"</script>{evil}"))
@@ -422,6 +431,7 @@ def test_markup_in_names_is_shown_not_obeyed(tmp_path):
     assert evil in pages[0].text
 
 
+@pytest.mark.slow
 def test_nothing_outside_the_file_is_asked_for_and_the_same_run_gives_the_same_bytes(run):
     _, whole = text_of(run)
     assert [one for one in Reader(whole).addresses if not one.startswith("data:")] == []
@@ -430,6 +440,7 @@ def test_nothing_outside_the_file_is_asked_for_and_the_same_run_gives_the_same_b
     assert page(read_run(run)) == whole
 
 
+@pytest.mark.slow
 def test_the_report_may_lie_in_its_run_and_is_not_overwritten_unasked(run):
     inside = "bench/report.html"
     first = text_of(run, output=inside)[1]
@@ -438,6 +449,7 @@ def test_the_report_may_lie_in_its_run_and_is_not_overwritten_unasked(run):
     assert (run / "report.html").read_text(encoding="utf-8") == first
 
 
+@pytest.mark.slow
 def test_inputs_that_changed_since_are_named(run):
     assert changed_inputs(read_run(run)) == []
     put(run / "letter", aligned=printed(1.1))
@@ -479,6 +491,7 @@ def seen(browser, canvas=0):
 DRAWN = "new Promise((done) => setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), 1000))"
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, tmp_path):
     text_of(run)
@@ -513,6 +526,7 @@ def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, 
         assert browser.asked_for == [(tmp_path / "report.html").as_uri()]
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_from_above_the_surface_looks_like_the_map(tmp_path):
     """Row 0 on top and x to the right at 0°, turned counter-clockwise; an F tells mirror images apart."""
@@ -538,6 +552,7 @@ def test_from_above_the_surface_looks_like_the_map(tmp_path):
             assert (bright == expected[:, ::-1])[within].mean() < 0.95
 
 
+@pytest.mark.slow
 def test_what_no_correction_reaches_is_shown_apart_and_left_out_of_the_error(run):
     missing = np.zeros(TARGET.shape)
     missing[20:30, 20:30] = 0.2

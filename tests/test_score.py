@@ -226,6 +226,7 @@ def test_colours_of_heights_show_the_relief_on_a_block_and_the_whole_of_a_low_pa
     assert panels.height_limits(HeightMap(np.full((3, 3), np.nan), 1, 1)) == (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
 def test_the_same_picture_has_the_same_bytes(tmp_path, ending):
     target = f(pitch_um=0.5)

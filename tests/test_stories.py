@@ -25,6 +25,7 @@ def bench(tmp_path_factory):
     return made
 
 
+@pytest.mark.slow
 def test_parts_fill_the_map_but_for_the_margin(bench):
     target = bench.map("lens.tif")
     assert target.shape == (PIXELS, PIXELS)
@@ -43,6 +44,7 @@ def test_recording_lies_on_the_targets_grid_and_is_noisy(bench):
     assert abs(surface.heights_um[substrate]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_what_is_concealed_is_printed(bench):
     plain = bench.surface(bench.printed("lens.tif", bench.settings("plain.yaml"), "plain"), "plain_surface")
     change = bench.map("surface.tif").heights_um - bench.map(plain).heights_um
@@ -57,11 +59,13 @@ def test_every_step_is_kept_as_it_was_called(bench):
     assert "80 x 80 px" in bench.steps[0]["said"]
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_ends_the_story(bench):
     with pytest.raises(StepError, match=r"absent\.tif"):
         bench.program("predict", "absent.tif", "-o", "never.tif")
 
 
+@pytest.mark.slow
 def test_a_refusal_is_kept_and_a_success_is_none(bench):
     assert "absent.tif" in bench.refused("predict", "absent.tif", "-o", "never.tif")
     assert bench.refused("convert", "lens.tif", "copy.tif") == ""

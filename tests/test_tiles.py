@@ -91,6 +91,7 @@ def in_tiles(target, process, side_px, folder, **given):
     return printed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROCESSES)
 def test_tiles_make_no_difference(target, name, tmp_path):
     process = PROCESSES[name]
@@ -204,6 +205,7 @@ def test_measurement_effects_are_refused_only_where_they_are_asked_for():
         check_tileable(process, as_measured=True)
 
 
+@pytest.mark.slow
 def test_an_interrupted_map_goes_on(target, tmp_path):
     """What is there is used: after an interruption only the missing tiles are computed."""
 
@@ -231,6 +233,7 @@ def dlw(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_predict_cuts_large_maps_by_itself(target, tmp_path, monkeypatch):
     monkeypatch.setattr("dlwpredict.cli.large.WHOLE_PX", 1000)
     write_parameters(tmp_path / "p.yaml", PROCESSES["paper"])
