@@ -182,8 +182,8 @@ def show_diagnosis(run: Path, known: list[str], program: Path) -> None:
     print(f"  noise {1e3 * found['noise_um']:.1f} nm")
 
 
-def show_held_out(run: Path) -> None:
-    """Print the errors on the fields that `make real-diagnosis` has held out, all predictions on the same footing.
+def held_out_um(run: Path) -> dict[str, float]:
+    """Return the errors on the fields that `make real-diagnosis` has held out, all predictions on the same footing, µm.
 
     On the pixels that the diagnosis worked on; offset and tilt of every field are free. The diagnosis's own figure lets
     registration give way as well, within what an alignment leaves.
@@ -202,10 +202,15 @@ def show_held_out(run: Path) -> None:
     seven = replace(extended, paper=paper, effects=(), undecided=None, intervals={}, bounds={})
     ways = baselines(fitted)
     ways |= {"seven parameters": _as_recorded(seven), "with what was named": _as_recorded(extended)}
-    print(f"\n{len(unseen)} fields held out, pixels of {pitch:g} µm, offset and tilt free, {RIM_UM:g} µm rim left out")
-    for name, way in ways.items():
-        errors = [judged(way(target), aligned)[0] for target, aligned in unseen]
-        print(f"  {name:40s} {1e3 * np.sqrt(np.mean(np.square(errors))):6.1f} nm")
+    errors = {name: [judged(way(target), aligned)[0] for target, aligned in unseen] for name, way in ways.items()}
+    return {name: float(np.sqrt(np.mean(np.square(own)))) for name, own in errors.items()}
+
+
+def show_held_out(run: Path) -> None:
+    """Print these errors."""
+    print(f"\nfields held out, offset and tilt free, {RIM_UM:g} µm rim left out")
+    for name, error in held_out_um(run).items():
+        print(f"  {name:40s} {1e3 * error:6.1f} nm")
 
 
 def _as_recorded(process: ParameterSet) -> Predictor:
