@@ -74,8 +74,8 @@ def real(run: Path = RUNS / "real") -> dict[str, Any]:
     rows.append(row("share of the mismatch that has a name", told["remainder"]["explained_share"], wanted=">= 60 %"))
     text = (
         "Sixteen published two-photon prints with their designs and AFM recordings (Zheng, Zhao, So, SIGGRAPH Asia "
-        f"2023), worked on in pixels of {told['working_pitch_um']:g} µm; heights relative. Verdict: {told['verdict']}. Named: "
-        f"{missing(run / 'diagnosis.yaml')}."
+        f"2023), worked on in pixels of {told['working_pitch_um']:g} µm; heights relative. Verdict: {told['verdict']}. "
+        f"Named: {missing(run / 'diagnosis.yaml')}."
     )
     command = "make real-diagnosis, then python -m tests.bench.evidence real"
     return {"title": "Real prints, eight fitted and eight held out", "command": command, "text": text} | {
