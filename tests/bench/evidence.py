@@ -77,6 +77,8 @@ def real(run: Path = RUNS / "real") -> dict[str, Any]:
         f"2023), worked on in pixels of {told['working_pitch_um']:g} µm; heights relative. Verdict: {told['verdict']}. "
         f"Named: {missing(run / 'diagnosis.yaml')}."
     )
+    if not told["complete"]:
+        text += " The search was ended before it was finished: this is the best answer until then."
     command = "make real-diagnosis, then python -m tests.bench.evidence real"
     return {"title": "Real prints, eight fitted and eight held out", "command": command, "text": text} | {
         "rows": rows + work(told)
