@@ -1,6 +1,5 @@
 """Sets of effects: the enumeration against brute force, what is refitted, what is named, and how wide classes are."""
 
-from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -124,15 +123,6 @@ class TestEnumeration:
         both = next(one for one in sets.ranked if one.names == {"named", "effect-0"})
         expected = np.linalg.lstsq(columns[:, :3], residual, rcond=None)[0][2]
         assert sets.strengths(both) == pytest.approx([expected])
-
-    def test_a_model_of_three_grows_by_one_effect_where_it_pays(self):
-        """And by no more than one at a time: the four that are there are 9, 8, 7 and 6 standard deviations."""
-        columns, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(40, 6)))
-        screen = screen_of(columns, columns @ [9.0, 8.0, 7.0, 6.0, 5.0, 0.1], named=("a", "b", "c"), own=3)
-        screen = replace(screen, blocks=tuple(slice(k, k + 1) for k in range(3)), named_spread=np.ones(3))
-        ranked = Sets.of(screen, price).ranked
-        assert ranked[0].names == {"a", "b", "c", "effect-0"}
-        assert max(len(one.names) for one in ranked) == 4
 
 
 def sets_of(gains, cost=1000.0):

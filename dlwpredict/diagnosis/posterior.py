@@ -61,7 +61,7 @@ class Sets:
 
     @classmethod
     def of(cls, screen: Linearised, price: Callable[[int], float]) -> Sets:
-        """Enumerate all sets of up to `policy.AT_ONCE` effects; and those of one effect more than the model has."""
+        """Enumerate all sets of up to `policy.MOST_EFFECTS` effects."""
         best: dict[frozenset[str], Subset] = {}
         for subset in _enumerated(screen, price):
             if subset.names not in best or subset.cost < best[subset.names].cost:
@@ -135,7 +135,7 @@ def _beside(screen: Linearised, price: Callable[[int], float], kept: tuple[str, 
         return Subset(kept, added, names, known + gain, screen.cost - known - gain + price(len(names)))
 
     yield subset((), 0.0)
-    for added, gain in _gains(screen, products, raw, max(policy.AT_ONCE - len(kept), 1)):
+    for added, gain in _gains(screen, products, raw, policy.MOST_EFFECTS - len(kept)):
         yield subset(added, gain)
 
 
