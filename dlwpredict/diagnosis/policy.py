@@ -45,8 +45,7 @@ another noise model: where a law bends, derivatives taken before it did find no 
 
 # -- noise and choice -------------------------------------------------------------------------
 ALIKE = 0.15
-"""Two noise models whose strength and length differ by less than this share are one: estimates scatter by as much. A
-set that lowers −2 ln L by less than this share does not change the noise, which was estimated beside all signatures."""
+"""Two noise models whose strength and length differ by less than this share are one: estimates scatter by as much."""
 
 # -- classes ----------------------------------------------------------------------------------
 CREDIBLE = 0.95

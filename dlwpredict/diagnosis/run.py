@@ -248,15 +248,11 @@ def diagnose(
             keep(judge.answer(search, frozenset(), complete=False))
             tell(Stage.of("refits", "refitting the leading sets of effects"))
             search.begin_with(ended)
-            estimated_at = search.fitted[search.best()].cost
         beside, best = best, search.round()
         if best == beside:
             break
         keep(judge.answer(search, best, complete=False))
-        model = search.fitted[best]
-        if estimated_at > (1 + policy.ALIKE) * model.cost:
-            estimated_at = model.cost
-            better, first, ended = noise_beside(model), baseline, search.near()
+        better, first, ended = noise_beside(search.fitted[best]), baseline, search.near()
     tell(Stage.of("judgement", "judging what is left"))
     answer = judge.answer(search, best, complete=True)
     keep(answer)
