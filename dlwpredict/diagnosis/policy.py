@@ -19,7 +19,7 @@ found for three points fewer of spurious thirds (measured on sets of 78 columns 
 # -- which sets are looked at -----------------------------------------------------------------
 MOST_EFFECTS = 3
 """Effects in a set: with four, what the recordings of a bench hold no longer tells sets apart. The price alone lets
-five or six names stand on real prints, of which the last ones gain nothing on data left out."""
+five or six names stand on real prints, for twice the work; some help on data held out, others make it worse."""
 
 INFLATED = 20.0
 """Two columns whose joint variance inflation is larger are one: no pair of them is a set of two."""
