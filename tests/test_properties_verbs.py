@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from dlwpredict import designs
 from dlwpredict.alignment import align
@@ -91,19 +92,21 @@ class TestAlign:
 
 
 def recorded(target, turn_deg, shift_um, tilt_mrad, rng) -> HeightMap:
-    """Return a wider recording of the target, turned and shifted, sampled by the nearest quarter of a pixel."""
+    """Return a wider recording of the target, turned and shifted: means over its pixels of 4 x 4 points.
+
+    Between the target's points heights run linearly. Points read one by one would not do: they alias, and what they
+    alias to is turned or shifted by up to half a pixel.
+    """
     pitch, side = target.dx_um, 2 * target.shape[1]
-    axis = (np.arange(side) - (side - 1) / 2) * pitch
+    axis = ((np.arange(4 * side) + 0.5) / 4 - side / 2) * pitch
     x, y = np.meshgrid(axis - shift_um[0], axis[::-1] - shift_um[1])
     turn = np.deg2rad(turn_deg)
     back_x, back_y = np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x
-    fine = np.kron(target.heights_um, np.ones((4, 4)))
-    rows, cols = fine.shape
-    col = np.round(back_x / pitch * 4 + (cols - 1) / 2).astype(int)
-    row = np.round((rows - 1) / 2 - back_y / pitch * 4).astype(int)
-    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-    heights = np.where(inside, fine[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], 0)
-    return HeightMap(heights + 1e-3 * tilt_mrad * x + 0.01 * rng.normal(size=x.shape), pitch, pitch)
+    rows, cols = target.shape
+    place = [(rows - 1) / 2 - back_y / pitch, (cols - 1) / 2 + back_x / pitch]
+    points = ndimage.map_coordinates(target.heights_um, place, order=1, mode="constant") + 1e-3 * tilt_mrad * x
+    heights = points.reshape(side, 4, side, 4).mean(axis=(1, 3))
+    return HeightMap(heights + 0.01 * rng.normal(size=heights.shape), pitch, pitch)
 
 
 class TestPrecompensate:
