@@ -15,6 +15,7 @@ from dlwpredict.parameters import Declaration, declarations
 
 DOCS = Path(__file__).parent
 PROOF = DOCS.parent / "sample_data" / "proof"
+BESIDE = DOCS / "evidence" / "competitors.json"
 HEAD = "<!-- Made by `make docs` with typer {typer}; not to be edited. -->\n\n"
 _EXAMPLE = re.compile(r"^\$ (dlwpredict .*)$", re.MULTILINE)
 
@@ -41,16 +42,33 @@ def evidence() -> str:
     """Return the page of evidence as Markdown: what was missed, then every table."""
     tables = [
         _of_proof(),
-        *(json.loads(path.read_text("utf-8")) for path in sorted((DOCS / "evidence").glob("*.json"))),
+        *(json.loads(path.read_text("utf-8")) for path in sorted((DOCS / "evidence").glob("*.json")) if path != BESIDE),
     ]
     missed = [(table, row) for table in tables for row in table["rows"] if met(row["value"], row["wanted"]) is False]
     parts = [
         EVIDENCE + "## Missed\n\n" + _table([{**row, "what": f"{t['title']}: {row['what']}"} for t, row in missed])
     ]
-    for table in tables:
-        about = [f"Version {table['version']}"] + [table[key] for key in ("command", "machine", "date") if key in table]
-        parts.append(f"## {table['title']}\n\n{'; '.join(about)}. {table['text']}\n\n{_table(table['rows'])}")
+    parts += [_section(table, _table(table["rows"])) for table in tables]
+    if BESIDE.exists():
+        table = json.loads(BESIDE.read_text("utf-8"))
+        parts.append(_section(table, beside(table)))
     return "\n".join(parts)
+
+
+def beside(table: dict) -> str:
+    """Return the table of several methods on the same cases (`tests.bench.competitors`), a line for each."""
+    columns = table["columns"]
+    lines = ["| method | " + " | ".join(columns.values()) + " | processor time, median |"]
+    lines.append("|---" * (len(columns) + 2) + "|")
+    for one in table["methods"]:
+        cells = [one["method"], *(_reached({"value": one[key]["count"] or None, **one[key]}) for key in columns)]
+        lines.append(f"| {' | '.join(cells)} | {_reached({'value': one['seconds'], 'unit': 's'})} |")
+    return "\n".join(lines) + "\n"
+
+
+def _section(table: dict, body: str) -> str:
+    about = [f"Version {table['version']}"] + [table[key] for key in ("command", "machine", "date") if key in table]
+    return f"## {table['title']}\n\n{'; '.join(about)}. {table['text']}\n\n{body}"
 
 
 def met(value: float | None, wanted: str) -> bool | None:
