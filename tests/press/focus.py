@@ -78,6 +78,18 @@ def _table(u, values):
 PROFILES = {"gaussian": gaussian, "gauss-lorentz": gauss_lorentz}
 
 
+def mixed(profile, tails, fwhm_xy_um, fwhm_z_um):
+    """Return a profile of which a share of the energy is spread as a Gaussian-Lorentzian focus of the same widths."""
+    lobes = PROFILES[profile](fwhm_xy_um, fwhm_z_um)
+    if tails == 0:
+        return lobes
+    own, further = (
+        [(lobe, 1 - tails) for lobe in lobes],
+        [(lobe, tails) for lobe in gauss_lorentz(fwhm_xy_um, fwhm_z_um)],
+    )
+    return [lobe.scaled(share, 1.0) for lobe, share in own + further if share > 0]
+
+
 def axial_weights(lobe, z, dz):
     """Return the exposure that each point of `z` gets from each full layer, and from all below the lowest layer."""
     depth = np.maximum(z, 0.0)

@@ -6,8 +6,9 @@ E = focus * [solid D_f^N]              (the solid continues below z = 0 where so
 u = D^N E / (P P')                     D, D_f: relative intensity at the point, at the focus; N: photon order;
                                        P': local factor on the threshold
 exposed: u >= 1, found between the voxels; or the gel fraction u^c / (1 + u^c) with a finite contrast c
-C = cross-linking Gaussian * [exposed (1 + eta (D^N - 1)) cure(u)],  z >= 0 only
-kappa = kappa_min + (kappa_max - kappa_min) C / max C,  averaged over the exposed part of the column
+C = cross-linking Gaussian (and a share of one twice as wide) * [exposed (1 + eta (D^N - 1)) cure(u)],  z >= 0 only
+kappa = kappa_min + (kappa_max - kappa_min) C / max C
+kappa -> 1 - (1 - kappa) (1 + pinning exp(-z / pin_height)),  averaged over the exposed part of the column
 printed height = kappa * exposed height
 """
 
@@ -32,14 +33,18 @@ class Press:
     focus_fwhm_xy_um: float = 0.5
     focus_fwhm_z_um: float = 1.5
     focus_profile: str = "gaussian"  # or gauss-lorentz
+    focus_tails: float = 0.0  # 0-1, share of the energy that a Gaussian-Lorentzian focus has beside the profile's
     threshold: float = 0.5  # share of the dose inside a large block
     contrast: float = 0.0  # gel curve exponent, 0 = all or nothing; resins: 5-30
     dose_conversion: float = 0.0  # 0-1, how much of the conversion follows the dose above the threshold
     crosslink_fwhm_xy_um: float = 7.0
     crosslink_fwhm_z_um: float = 7.0
+    crosslink_tails: float = 0.0  # 0-1, share of the cross-linking that reaches twice as far
     crosslink_reference: str = "structure_maximum"  # or bulk
     shrinkage_min: float = 0.7
     shrinkage_max: float = 1.0
+    pinning: float = 0.0  # a layer that the base holds laterally shrinks so much more in height, 2 nu / (1 - nu)
+    pin_height_um: float = 3.0
     slicing_um: float = 0.0  # 0 = continuous heights
     slicing_phase: float = 0.5  # 0.5 rounds to the nearest layer, 0 cuts down to it
     photon_order: float = 2.0  # N
@@ -102,7 +107,7 @@ def _print(target, grid, press, effects):
     excess = _exposure(scene, sent, press, effects) * here / (press.threshold * _product(scene, effects, "threshold"))
     exposed, solid = _develop(excess, scene.grid, press)
     converted = solid * _conversion(excess, here * sent, press, effects)
-    factor = _shrinkage(_crosslink(converted, scene.grid, press), solid, press, effects)
+    factor = _shrinkage(_crosslink(converted, scene.grid, press), solid, scene.grid, press, effects)
     for item in effects:
         factor = item.column(factor, exposed, scene.grid)
     printed = factor * exposed
@@ -146,7 +151,7 @@ def _product(scene, effects, hook):
 
 def _exposure(scene, sent, press, effects):
     """Return the share of the full dose in every voxel, the written voxels sending `sent` times the nominal dose."""
-    lobes = focus.PROFILES[press.focus_profile](press.focus_fwhm_xy_um, press.focus_fwhm_z_um)
+    lobes = focus.mixed(press.focus_profile, press.focus_tails, press.focus_fwhm_xy_um, press.focus_fwhm_z_um)
     for item in effects:
         lobes = item.lobes(lobes)
     fill = with_true_moment(scene.fill) * sent
@@ -196,22 +201,34 @@ def _shared_conversion(press, effects):
 
 def _crosslink(converted, grid, press):
     """Spread the conversion with the cross-linking Gaussian; nothing below the substrate takes part."""
-    s_xy, s_z = press.crosslink_fwhm_xy_um * SIGMA_PER_FWHM, press.crosslink_fwhm_z_um * SIGMA_PER_FWHM
+    shares = {1: 1 - press.crosslink_tails, 2: press.crosslink_tails}
+    return sum(np.float32(share) * _spread(converted, grid, press, far) for far, share in shares.items() if share)
+
+
+def _spread(converted, grid, press, far):
+    """Filter with the cross-linking Gaussian, so many times as wide."""
+    s_xy, s_z = (far * fwhm * SIGMA_PER_FWHM for fwhm in (press.crosslink_fwhm_xy_um, press.crosslink_fwhm_z_um))
     z = grid.z[grid.z > 0]
     offset = z[None, :] - z[:, None]
     weights = ndtr((offset + grid.dz / 2) / s_z) - ndtr((offset - grid.dz / 2) / s_z)
     return lateral(along_z(np.asarray(converted, np.float32), weights), s_xy, s_xy, grid)
 
 
-def _shrinkage(crosslinked, solid, press, effects):
+def _shrinkage(crosslinked, solid, grid, press, effects):
     """Return the shrinkage factor of each column, the mean over its solid part."""
     reference = peak(crosslinked * (solid > 0)) if press.crosslink_reference == "structure_maximum" else 1.0
     share = crosslinked / np.float32(max(reference, 1e-9))
     for item in effects:
         share = item.curing(share)
-    amount = solid.sum(axis=0, dtype=float)
-    mean = np.einsum("zyx,zyx->yx", share, solid, dtype=float) / np.maximum(amount, 1e-9)
-    return press.shrinkage_min + (press.shrinkage_max - press.shrinkage_min) * mean
+    amount = np.maximum(solid.sum(axis=0, dtype=float), 1e-9)
+    span = press.shrinkage_max - press.shrinkage_min
+    factor = press.shrinkage_min + span * np.einsum("zyx,zyx->yx", share, solid, dtype=float) / amount
+    if press.pinning:
+        held = (np.exp(-grid.z[grid.z > 0] / press.pin_height_um)[:, None, None] * solid).astype(np.float32)
+        lost = (1 - press.shrinkage_min) * held.sum(axis=0, dtype=float)
+        lost = lost - span * np.einsum("zyx,zyx->yx", share, held, dtype=float)
+        factor = factor - press.pinning * lost / amount
+    return factor
 
 
 def with_effects(press, *effects):

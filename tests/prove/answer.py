@@ -1,4 +1,4 @@
-"""Ask the program: `dlwpredict diagnose` as a subprocess that sees opaque files only."""
+"""Ask the program: `dlwpredict align` where a recording is raw, then `diagnose`, as subprocesses on opaque files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from dlwpredict.files.atomic import write_text
 from tests.prove.sealed import Folder
 
 LONGEST_S = 900.0
-"""A diagnosis that takes longer has failed."""
+"""A command that takes longer has failed."""
 
 
 def code_sha256() -> str:
@@ -44,31 +45,62 @@ def ask(folder: Path, name: str, code: str) -> dict:
     kept = place.answer(name)
     kept.parent.mkdir(parents=True, exist_ok=True)
     pairs = len(list(place.data(name).glob("target_*.tif")))
-    words = [word for k in range(pairs) for word in ("--pair", f"target_{k}.tif", f"recording_{k}.tif")]
-    if (further := place.data(name) / "words.json").exists():
-        words += json.loads(further.read_text())
-    with tempfile.TemporaryDirectory() as out:
-        said, process = Path(out, "diagnosis.yaml"), Path(out, "extended.yaml")
-        command = [sys.executable, "-c", "from dlwpredict.cli import main; main()", "diagnose", *words]
-        command += ["-o", str(said), "--params-out", str(process), "--no-advice", "--jobs", "1", "--quiet"]
-        started = time.perf_counter()
-        status, complaint = _run(command, place.data(name))
-        answer = {"code": code, "seconds": time.perf_counter() - started, "status": status, "complaint": complaint}
-        if status == 0:
-            answer |= {"diagnosis": _loaded(said), "extended": _loaded(process)}
+    answer = {"code": code, **_aligned(place, name, pairs)}
+    if answer["status"] == 0:
+        answer |= _diagnosed(place, name, pairs)
     write_text(kept, json.dumps(answer, indent=1) + "\n")
     return answer
 
 
-def _run(command: list[str], where: Path) -> tuple[int, str]:
+def _aligned(place: Folder, name: str, pairs: int) -> dict:
+    """Have every raw recording laid on its target."""
+    told = {"status": 0, "complaint": "", "seconds": 0.0, "cpu_s": 0.0, "align_cpu_s": 0.0}
+    for k in range(pairs):
+        raw = place.data(name) / f"raw_{k}.tif"
+        if raw.exists() and told["status"] == 0:
+            laid = place.aligned(name, k).absolute()
+            laid.parent.mkdir(parents=True, exist_ok=True)
+            words = ["align", raw.name, f"target_{k}.tif", "-o", str(laid), "--overwrite", "--quiet"]
+            status, complaint, cpu_s = _run(_command(words), raw.parent)
+            told |= {"status": status, "complaint": complaint, "align_cpu_s": told["align_cpu_s"] + cpu_s}
+    return told
+
+
+def _diagnosed(place: Folder, name: str, pairs: int) -> dict:
+    """Have a case diagnosed."""
+    recordings = [place.recording(name, k).absolute() for k in range(pairs)]
+    words = [word for k in range(pairs) for word in ("--pair", f"target_{k}.tif", str(recordings[k]))]
+    if (further := place.data(name) / "words.json").exists():
+        words += json.loads(further.read_text())
+    with tempfile.TemporaryDirectory() as out:
+        said, process = Path(out, "diagnosis.yaml"), Path(out, "extended.yaml")
+        words += ["-o", str(said), "--params-out", str(process), "--no-advice", "--jobs", "1", "--quiet"]
+        started = time.perf_counter()
+        status, complaint, cpu_s = _run(_command(["diagnose", *words]), place.data(name))
+        told = {"seconds": time.perf_counter() - started, "cpu_s": cpu_s, "status": status, "complaint": complaint}
+        return told | ({"diagnosis": _loaded(said), "extended": _loaded(process)} if status == 0 else {})
+
+
+def _command(words: list[str]) -> list[str]:
+    return [sys.executable, "-c", "from dlwpredict.cli import main; main()", *words]
+
+
+def _run(command: list[str], where: Path) -> tuple[int, str, float]:
+    """Return exit status, complaint, and the CPU seconds of a command and all its processes."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    try:
-        done = subprocess.run(
-            command, cwd=where, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return -1, f"took longer than {LONGEST_S:.0f} s"
-    return done.returncode, (done.stderr.strip().splitlines() or [""])[-1] if done.returncode else ""
+    with tempfile.TemporaryFile() as told:
+        process = subprocess.Popen(command, cwd=where, env=environment, stdout=subprocess.DEVNULL, stderr=told)
+        overdue = threading.Timer(LONGEST_S, process.kill)
+        overdue.start()
+        _, waited, used = os.wait4(process.pid, 0)
+        late, process.returncode = not overdue.is_alive(), os.waitstatus_to_exitcode(waited)
+        overdue.cancel()
+        told.seek(0)
+        lines = told.read().decode(errors="replace").strip().splitlines()
+    cpu_s = used.ru_utime + used.ru_stime
+    if late:
+        return -1, f"took longer than {LONGEST_S:.0f} s", cpu_s
+    return process.returncode, (lines or [""])[-1] if process.returncode else "", cpu_s
 
 
 def _loaded(path: Path) -> dict:

@@ -117,3 +117,24 @@ def outside(name: str, rng: np.random.Generator) -> Hidden:
     """Draw physics that the library does not have."""
     switch, probe, high, rest = OUTSIDE[name]
     return Hidden(name, switch, 0.0, probe, 0.0, high, rest(rng))
+
+
+FORM, FORMS = "form", ("focus_tails", "dose_conversion", "pinning", "crosslink_tails")
+"""Ways in which the press's process differs in form from the seven's model, keys of the press from 0 to 1: the tails of
+a Gaussian-Lorentzian focus; conversion that follows the dose above the threshold; layers that the base holds laterally
+and that shrink the more in height; cross-linking that has tails."""
+
+LEAST_PART, PIN_UM = 0.3, (2.0, 8.0)
+"""Every way has at least this part of the one that has most; heights within which the base holds the part."""
+
+
+def form(most: str, rng: np.random.Generator) -> Hidden:
+    """Draw an error of form: one way in full, the others in part, and a size from 0 to 1 for all together."""
+    parts = {key: 1.0 if key == most else float(rng.uniform(LEAST_PART, 1)) for key in FORMS}
+    return Hidden(FORM, "size", 0.0, 0.3, 0.0, 1.0, parts | {"pin_height_um": float(rng.uniform(*PIN_UM))})
+
+
+def of_press(entry: Mapping) -> dict:
+    """Return an error of form in the press's words."""
+    parts = {key: entry["size"] * entry[key] for key in FORMS}
+    return parts | {"pin_height_um": entry["pin_height_um"]}

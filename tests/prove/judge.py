@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import parameters_from
 from dlwpredict.files.provenance import sha256
+from dlwpredict.metrology.regrid import resampled
 from dlwpredict.parameters import Paper, ParameterSet, Readings, declarations
 from tests.bench.cases import NEVER, SIDES, alike, in_terms_of
 from tests.prove.baselines import Bench, unseen_smooth_um, unseen_um
 from tests.prove.hidden import LIBRARY_FORM, LOCAL, OUTSIDE
-from tests.prove.linear import parameters_of
+from tests.prove.linear import coarser, parameters_of
 from tests.prove.place import points_at
 from tests.prove.sealed import Folder, read
-from tests.prove.structures import PITCH_UM, PIXELS
+from tests.prove.structures import COARSE_UM, HELD_OUT_UM
 
 NEAR_THE_NOISE = 1.5
 """An effect below this multiple of its detection limit is near the noise."""
@@ -27,6 +29,13 @@ NEAR_THE_NOISE = 1.5
 _FILES = "judge.py", "place.py", "baselines.py", "linear.py"
 JUDGE = hashlib.sha256(b"".join((Path(__file__).parent / name).read_bytes() for name in _FILES)).hexdigest()
 """State of the judge: results of another one are made anew."""
+
+IN_THE_FIELD = {
+    "field-curvature": ("coma_x_um", "coma_y_um", "centre_x_um", "centre_y_um"),
+    "slope-error": ("signed_x_um", "signed_y_um", "bias_abs_x_um", "bias_abs_y_um"),
+    "misregistration": ("shift_x_um", "shift_y_um", "rotation_deg", "scale_x", "scale_y", "shear_mrad"),
+}
+"""Parameters of the microscope's effects that have an axis or a place in its field."""
 
 CONCEALMENTS = (
     "name hidden",
@@ -65,6 +74,7 @@ def judged(folder: Path, name: str, seal: Mapping, beside: bool) -> dict:
     truth = opened(folder, name, seal)
     result = {
         "name": name, "sealed": seal["truth"], "code": answer["code"], "judge": JUDGE, "seconds": answer["seconds"],
+        "cpu_s": answer["cpu_s"], "align_cpu_s": answer["align_cpu_s"],
         "truth": truth, "concealed": concealments(truth), **said(answer), "baselines": {},
     }  # fmt: skip
     if answer["status"] == 0:
@@ -108,6 +118,7 @@ def said(answer: Mapping) -> dict:
         "remainder": told["remainder"],
         "not_testable": told["not_testable"],
         "noise_um": told["noise_um"],
+        "work": told.get("work", {}),
         "rmse_um": {model: told[model]["rmse_um"] for model in ("baseline", "extended")},
     }
 
@@ -130,19 +141,23 @@ def scored(truth: Mapping, told: Mapping) -> dict:
         "spurious": sum(not any(name in f["effects"] for name in names) for f in findings),
         "misnamed": confident and not any(name in first["effects"] for name in names),
         "wrong_side": bool(first) and confident and first["side"] != "undecided" and first["side"] not in sides,
-        "intervals": [one for e in effects for one in _intervals(e, findings)],
+        "intervals": [one for e in effects for one in _intervals(e, findings, turned=bool(truth.get("raw")))],
         "seven": _seven(truth["process"], told),
-        "place": _place(effects, told["locations"]),
+        "place": _place(effects, told["locations"], truth.get("sides_um", ())),
         "noise_true_um": float(np.hypot(truth["noise"]["sigma_um"], truth["noise"]["white_um"])),
     }
 
 
-def _intervals(effect: Mapping, findings: list) -> list[dict]:
-    """Return the intervals of an effect's parameters, where it was named."""
-    found = []
+def _intervals(effect: Mapping, findings: list, *, turned: bool) -> list[dict]:
+    """Return the intervals of an effect's parameters, where it was named.
+
+    Of a raw recording, what has an axis or a place in the microscope's field is left out: the truth counts from the
+    microscope's axes and middle, the program from the target's, and each recording lies in another way.
+    """
+    found, apart = [], IN_THE_FIELD.get(effect["name"], ()) if turned else ()
     for finding in findings:
         for key, interval in in_terms_of(effect["entry"], finding["parameters"].get(effect["name"]) or {}).items():
-            if key in effect["entry"]:
+            if key in effect["entry"] and key not in apart:
                 true = effect["entry"][key]
                 found.append({
                     "parameter": f"{effect['name']}.{key}", "switch": key == effect["switch"],
@@ -173,17 +188,26 @@ def _seven(process: Mapping, told: Mapping) -> dict:
     }
 
 
-def _place(effects: list, locations: list) -> bool | None:
+def _place(effects: list, locations: list, sides_um: Sequence[Sequence[float]]) -> bool | None:
     """Tell whether the first place named is that of a local effect; None where there is none of these."""
     local = [e["entry"] for e in effects if e["name"] in LOCAL]
-    return points_at(local[0], locations, PIXELS * PITCH_UM) if local else None
+    if not local or not locations:
+        return False if local else None
+    return points_at(local[0], locations, float(np.sqrt(np.prod(sides_um[locations[0]["pair"]]))))
 
 
 def unseen(place: Folder, name: str, truth: Mapping, answer: Mapping) -> dict:
     """Return the errors on the structure that was kept from the program, without and with the effects found, µm."""
     target, clean = read(place.kept(name, "target")), read(place.kept(name, "clean"))
     models = {"seven": _baseline(answer["diagnosis"]), "diagnose": parameters_from(answer["extended"])}
-    return {key: unseen_um(model, target, clean, truth["noise"]) for key, model in models.items()}
+    noise = _noise(truth, HELD_OUT_UM)
+    return {key: unseen_um(model, target, clean, noise) for key, model in models.items()}
+
+
+def _noise(truth: Mapping, pitch_um: float) -> dict:
+    """Return the true noise on pixels that are means over squares of another side."""
+    own = (truth.get("raw") or {}).get("pitch_um", truth["pitch_um"])
+    return coarser(truth["noise"], own, pitch_um)
 
 
 def _baseline(told: Mapping) -> ParameterSet:
@@ -192,12 +216,11 @@ def _baseline(told: Mapping) -> ParameterSet:
 
 
 def baselines(place: Folder, name: str, truth: Mapping, answer: Mapping) -> dict:
-    """Return what else one could do with the same recordings."""
-    count = len(truth["structures"])
-    pairs = [tuple(read(place.data(name) / f"{what}_{k}.tif") for what in ("target", "recording"))
-             for k in range(count)]  # fmt: skip
-    target, clean, noise = read(place.kept(name, "target")), read(place.kept(name, "clean")), truth["noise"]
-    bench = Bench.of(pairs, _baseline(answer["diagnosis"]), noise)
+    """Return what else one could do with the same recordings, on coarser pixels."""
+    places = [(place.data(name) / f"target_{k}.tif", place.recording(name, k)) for k in range(len(truth["structures"]))]
+    pairs = [(resampled(read(part), COARSE_UM), resampled(read_height_map(laid), COARSE_UM)) for part, laid in places]
+    target, clean, noise = read(place.kept(name, "target")), read(place.kept(name, "clean")), _noise(truth, HELD_OUT_UM)
+    bench = Bench.of(pairs, _baseline(answer["diagnosis"]), _noise(truth, COARSE_UM))
 
     def of(fitted, **more) -> dict:
         error = unseen_um(fitted.parameters, target, clean, noise)

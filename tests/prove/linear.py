@@ -17,6 +17,7 @@ from dlwpredict.infer.objective import Fit, Objective
 from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.lines import Lines
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
@@ -44,6 +45,13 @@ def noise_model(noise: dict, grid: HeightMap) -> Noise:
     return Noise(noise["white_um"], noise["sigma_um"], length, grid.dx_um, grid.dy_um, smoothness)
 
 
+def coarser(noise: dict, pitch_um: float, coarse_um: float) -> dict:
+    """Return the noise on pixels that are means over squares of another side, of as many rows."""
+    share = pitch_um / coarse_um
+    row_um = noise.get("row_um", 0.0) * np.sqrt(share)
+    return noise | {"white_um": noise["white_um"] * share, "row_um": float(row_um)}
+
+
 def parameters_of(process: dict) -> ParameterSet:
     """Return the seven of a press, in the program's words; it prints pixels as squares."""
     paper = Paper(**{name.replace("focus_", "exposure_"): value for name, value in process.items()})
@@ -51,11 +59,11 @@ def parameters_of(process: dict) -> ParameterSet:
 
 
 def whitened(pairs: Sequence[tuple[HeightMap, HeightMap]], noise: dict) -> tuple[Whitened, ...]:
-    """Return recordings in whitened space, every nuisance free, with the true noise."""
-    found = []
+    """Return recordings in whitened space, every nuisance free, with the true noise, its lines along the rows."""
+    found, rows = [], Lines(white_um=noise.get("row_um", 0.0))
     for target, measured in pairs:
         recording = doubted(prepare(target, measured))
-        found.append(Whitened.of(recording, Uneven(noise_model(noise, target))))
+        found.append(Whitened.of(recording, Uneven(noise_model(noise, target), rows=rows)))
     return tuple(found)
 
 

@@ -1,4 +1,4 @@
-"""Random structures of the proof: small maps that still show edges, heights, slopes and periods."""
+"""Random structures of the proof, as large and as fine as a bench prints them."""
 
 from __future__ import annotations
 
@@ -7,44 +7,73 @@ import numpy as np
 from dlwpredict import designs
 from dlwpredict.heightmap import HeightMap
 
-PIXELS, PITCH_UM, MARGIN_PX = 80, 0.45, 8
-"""Side of every map in pixels, the pixel, and the bare substrate around the part: one diagnosis costs in proportion
-to the pixels."""
+PITCHES_UM, MARGIN_UM = (0.2, 0.4), 4.0
+"""Native pitch of the targets of a case, and the bare substrate around the part."""
+
+COARSE_UM = 0.5
+"""Pitch on which strengths are found and baselines are fitted; the structures are the same at any pitch."""
+
+HELD_OUT_UM = 0.4
+"""Pitch of the structure held out, which nobody but the judge predicts."""
+
+SIZES_UM = {"cin": (60.0, 80.0), "air": (80.0, 100.0)}
+OTHERS_UM = 40.0, 60.0
+"""Sides of the parts of each kind, and of all other kinds."""
+
+COUNTS, SHARES = (1, 2, 3), (1 / 6, 1 / 2, 1 / 3)
+"""Numbers of structures that a case gives, and the share of the cases with so many."""
 
 SMOOTH, STEPPED = ("cin", "air", "lens"), ("stairs", "posts", "pads")
+
+UPRIGHT = ("air", "stairs", "posts")
+"""Kinds that a quarter or half turn brings onto nothing like themselves: the others lie as well in four ways, and
+nothing in a recording tells which."""
+
+PIXELS, PITCH_UM, MARGIN_PX = 80, 0.45, 8
+"""Small maps, as `tests/stories` takes them."""
 
 
 def drawn(kind: str, rng: np.random.Generator) -> dict:
     """Draw the options of a kind; lengths in µm."""
     u = rng.uniform
+    size = u(*SIZES_UM.get(kind, OTHERS_UM))
     count, seed = int(rng.integers(3, 5)), int(rng.integers(1e6))
     options = {
-        "cin": {"base_um": u(4, 7), "height_um": u(1, 2.2), "period_min_um": u(2.5, 4), "period_max_um": u(8, 12)},
+        "cin": {"base_um": u(4, 7), "height_um": u(1, 2.2), "period_min_um": u(2.5, 4), "period_max_um": u(10, 16)},
         "air": {"base_um": u(4, 7), "height_um": u(1.5, 2.5), "correlation_um": u(3, 6), "seed": seed},
         "lens": {"base_um": u(2, 4), "height_um": u(3, 5)},
         "stairs": {
-            "base_um": u(2.5, 4), "height_um": u(4, 6), "count": count, "feature_um": u(2.8, 3.5),
+            "base_um": u(2.5, 4), "height_um": u(4, 6), "count": count, "feature_um": size * u(0.09, 0.12),
             "feature_height_um": u(0.6, 1.2),
         },
         "posts": {
-            "base_um": u(1.5, 3), "height_um": u(3, 5), "count": 3, "width_min_um": u(4.5, 5.5),
-            "width_max_um": u(6.5, 8.5),
+            "base_um": u(1.5, 3), "height_um": u(3, 5), "count": count, "width_min_um": size * u(0.1, 0.15),
+            "width_max_um": size * u(0.18, 0.24),
         },
-        "pads": {"base_um": u(1, 3), "height_um": u(4, 6), "low_um": u(1.5, 3), "count": 3, "width_um": u(5.5, 8)},
+        "pads": {
+            "base_um": u(1, 3), "height_um": u(4, 6), "low_um": u(1.5, 3), "count": count,
+            "width_um": size * u(0.15, 0.24),
+        },
     }  # fmt: skip
-    return {"kind": kind, **{key: v if isinstance(v, int) else float(v) for key, v in options[kind].items()}}
+    known = {key: v if isinstance(v, int) else float(v) for key, v in options[kind].items()}
+    return {"kind": kind, "size_um": float(size), **known}
 
 
-def several(rng: np.random.Generator) -> tuple[list[dict], dict]:
-    """Draw three structures, a smooth and a stepped one among them, and one of another kind to be held out."""
-    smooth, stepped = rng.permutation(SMOOTH), rng.permutation(STEPPED)
-    others = rng.permutation([smooth[1], stepped[1]])
-    return [drawn(str(kind), rng) for kind in (smooth[0], stepped[0], others[0])], drawn(str(others[1]), rng)
+def several(rng: np.random.Generator, *, upright: bool = False) -> tuple[list[dict], dict]:
+    """Draw one to three structures, and one of another kind to be held out.
+
+    Of two or more, one is smooth and one stepped. Those that are `upright` show how a recording is turned.
+    """
+    smooth, stepped = ([str(k) for k in rng.permutation(kinds)] for kinds in (SMOOTH, STEPPED))
+    if upright:
+        smooth, stepped = (sorted(kinds, key=lambda k: k not in UPRIGHT) for kinds in (smooth, stepped))
+    first = [smooth[0], stepped[0]] if rng.random() < 0.5 else [stepped[0], smooth[0]]
+    third, *left = [stepped[1], smooth[1]] if upright or rng.random() < 0.5 else [smooth[1], stepped[1]]
+    count = int(rng.choice(COUNTS, p=SHARES))
+    return [drawn(kind, rng) for kind in [*first, third][:count]], drawn(left[0], rng)
 
 
-def made(structure: dict) -> HeightMap:
-    """Return the target of a structure."""
+def made(structure: dict, pitch_um: float) -> HeightMap:
+    """Return the target of a structure on pixels of a pitch."""
     options = {key: value for key, value in structure.items() if key != "kind"}
-    size = (PIXELS - 2 * MARGIN_PX) * PITCH_UM
-    kind = designs.KINDS[structure["kind"]]
-    return kind(size_um=size, pitch_um=PITCH_UM, margin_um=MARGIN_PX * PITCH_UM, **options)
+    return designs.KINDS[structure["kind"]](pitch_um=pitch_um, margin_um=MARGIN_UM, **options)
