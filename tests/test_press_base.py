@@ -170,6 +170,9 @@ def test_gauss_lorentz_focus_has_the_widths_and_the_axial_law_of_a_beam():
         {"dose_conversion": 0.5},
         {"slicing_um": 0.5, "slicing_phase": 0.0},
         {"crosslink_reference": "bulk"},
+        {"focus_tails": 0.5},
+        {"crosslink_tails": 0.5},
+        {"pinning": 0.5},
     ],
 )
 def test_each_honest_difference_changes_the_print_a_little(change):
@@ -179,6 +182,23 @@ def test_each_honest_difference_changes_the_print_a_little(change):
     rms = np.sqrt(((base - other)[target > 0] ** 2).mean())
     assert 0.001 < rms < 1.0
     assert np.isfinite(other).all()
+
+
+def test_an_error_of_form_in_full_is_the_other_form():
+    target = block()
+    tails = print_part(target, PITCH, PITCH, Press(focus_tails=1.0))
+    assert tails == pytest.approx(print_part(target, PITCH, PITCH, Press(focus_profile="gauss-lorentz")), abs=1e-5)
+    far = print_part(target, PITCH, PITCH, Press(crosslink_tails=1.0))
+    wide = Press(crosslink_fwhm_xy_um=14.0, crosslink_fwhm_z_um=14.0)
+    assert far == pytest.approx(print_part(target, PITCH, PITCH, wide), abs=1e-5)
+
+
+def test_what_the_base_holds_shrinks_the_more_in_height():
+    even = {"shrinkage_min": 0.8, "shrinkage_max": 0.8}
+    exposed = print_part(block(), PITCH, PITCH, Press(**SHARP))[25, 30]
+    held = print_part(block(), PITCH, PITCH, Press(**even, pinning=0.5, pin_height_um=3.0))[25, 30]
+    more = 0.5 * 3.0 / exposed * -np.expm1(-exposed / 3.0)
+    assert held == pytest.approx(exposed * (1 - 0.2 * (1 + more)), abs=1e-3)
 
 
 def test_infinite_contrast_is_all_or_nothing():
