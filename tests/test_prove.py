@@ -254,9 +254,10 @@ def test_strength_is_the_wanted_multiple_of_the_limit(bare):
 
 
 @pytest.mark.slow
-def test_an_effect_that_calibration_takes_whole_has_no_limit(bare):
-    found = strength(named("z-amplification", np.random.default_rng(0)), 3.0, bare)
-    assert found["times"] < 0.1 and abs(found["value"]) == library()["z-amplification"].switches()["gain"]
+def test_an_effect_that_calibration_takes_whole_shows_nothing(bare):
+    hidden = named("z-amplification", np.random.default_rng(0))
+    found = bare.shares(hidden.at(hidden.probe))
+    assert found["z"] < 0.1 * LIMIT_Z and found["levelling"] + found["calibration"] > 0.99
 
 
 @pytest.fixture(scope="module")
@@ -368,6 +369,10 @@ def test_names_classes_sides_and_intervals_are_judged():
         truth("single", effect("vignetting", value=0.2)),
         diagnosis("identified", finding("field-curvature", side="measurement"), right),
     )
+    turned = truth("single", effect("slope-error", "signed_x_um")) | {"raw": {"pitch_um": 0.3, "turn_deg": 80.0}}
+    along = finding("slope-error", **{"slope-error": {"signed_x_um": {"value": 0.0, "low": 0.0, "high": 0.0}}})
+    assert judge.scored(turned, diagnosis("identified", along))["intervals"] == []
+    assert len(judge.scored(turned | {"raw": {}}, diagnosis("identified", along))["intervals"]) == 1
     assert wrong["misnamed"] and wrong["wrong_side"] and wrong["spurious"] == 1 and not wrong["first_held"]
     assert wrong["first_alike"] and wrong["held"] == [True] and not wrong["intervals"][0]["covered"]
     unsure = judge.scored(truth("single", effect("vignetting")), diagnosis("unexplained", finding("curl")))
@@ -376,9 +381,10 @@ def test_names_classes_sides_and_intervals_are_judged():
 
 def test_a_place_is_right_where_a_small_box_holds_the_spot():
     spot = truth("outside", effect("particle", "height_um", x_um=3.0, y_um=-4.0))
-    box = {"x_um": [1.0, 4.0], "y_um": [-6.0, -3.0]}
+    box = {"pair": 0, "x_um": [1.0, 4.0], "y_um": [-6.0, -3.0]}
     assert judge.scored(spot, diagnosis("unexplained", locations=[box]))["place"] is True
     for far in ({"x_um": [9.0, 12.0], "y_um": [-6.0, -3.0]}, {"x_um": [-18.0, 18.0], "y_um": [-18.0, 18.0]}):
+        far["pair"] = 2
         assert judge.scored(spot, diagnosis("unexplained", locations=[far]))["place"] is False
     assert judge.scored(truth("single", effect("curl")), diagnosis("none"))["place"] is None
 
