@@ -157,6 +157,7 @@ def effect(name, times=2.0):
     [
         ({"kind": "null", "effects": []}, ["curl"], {"false": True}),
         ({"kind": "single", "effects": [effect("curl", 0.5)]}, [], {"wrong": False}),
+        ({"kind": "single", "effects": [effect("curl", 0.5)]}, ["curl", "vignetting"], {"wrong": True}),
         (
             {"kind": "single", "effects": [effect("curl")]}, ["vignetting", "galvo-lag"],
             {"heard": True, "class": True, "exact": False, "wrong": True},

@@ -513,7 +513,7 @@ COLUMNS = {
     "pairs": "two from their limits on: both, by class",
     "pairs exact": "both, by name",
     "false": "nothing in it: anything said",
-    "wrong": "a name of another class, all cases with effects of the library",
+    "wrong": "any effect of the library, weak ones too: a name of another class, or one too many",
     "outside": "physics outside the library: a name given",
     "form": "a process of another form: a name given",
 }
@@ -566,8 +566,7 @@ def marks(truth: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, bool]:
     if any(one["name"] in OUTSIDE for one in truth["effects"]):
         found["outside"] = bool(said)
     elif true:
-        classes = {class_of(name) for name in true}
-        found["wrong"] = any(class_of(name) not in classes for name in said)
+        found["wrong"] = by_class < len(said)
     return found
 
 
