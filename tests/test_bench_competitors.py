@@ -210,10 +210,10 @@ def test_a_run_is_told_and_shown(tmp_path, monkeypatch):
         return made({"galvo-lag": 15.0} if name == "b" else None)
 
     monkeypatch.setattr(competitors, "screen_of", screen_of)
-    told = []
-    table = competitors.run(tmp_path, None, 1.0, told.append)
+    told, kept = [], []
+    table = competitors.run(tmp_path, None, 1.0, told.append, kept.append)
     assert [case["name"] for case in table["cases"]] == ["b", "a"] and table["failed"] == {"c": "no such map"}
-    assert len(told) == 3
+    assert len(told) == 3 and [len(one["cases"]) for one in kept] == [1, 2, 2]
     own = {line["method"]: line for line in table["methods"]}
     assert own["diagnose"]["exact"]["hit"] == own["diagnose"]["false"]["hit"] == 1
     assert own["group lasso, stability selection"]["class"]["hit"] == 1

@@ -46,7 +46,7 @@ from dlwpredict.infer.free import choose
 from dlwpredict.infer.model import freed
 from dlwpredict.infer.noises import noises
 from dlwpredict.infer.null import Null
-from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.objective import Fit, Objective, Work, nothing
 from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.priors import PARAMETERS
 from dlwpredict.infer.recording import Recording, coarser, doubted, prepare
@@ -660,10 +660,17 @@ def table_of(cases: Sequence[Mapping[str, Any]], command: str, failed: Mapping[s
     }  # fmt: skip
 
 
-def run(folder: Path, most: int | None, minutes: float, tell: Callable[[str], object] = print) -> dict[str, Any]:
-    """Ask all competitors of a run's cases, until so many are done or the time is over."""
+def run(
+    folder: Path,
+    most: int | None,
+    minutes: float,
+    tell: Callable[[str], object] = print,
+    keep: Callable[[dict[str, Any]], object] = nothing,
+) -> dict[str, Any]:
+    """Ask all competitors of a run's cases, until so many are done or the time is over; keep the table after each."""
     results, last = opened(folder), time.monotonic() + 60 * minutes
     cases, failed = [], {}
+    command = f"python -m tests.bench.competitors {folder}" + (f" --cases {most}" if most else "")
     for result in results[:most]:
         if time.monotonic() > last:
             break
@@ -674,7 +681,7 @@ def run(folder: Path, most: int | None, minutes: float, tell: Callable[[str], ob
             tell(f"{result['name']} failed: {fault}")
         else:
             tell(in_words(cases[-1]))
-    command = f"python -m tests.bench.competitors {folder}" + (f" --cases {most}" if most else "")
+        keep(table_of(cases, command, failed, len(results)))
     return table_of(cases, command, failed, len(results))
 
 
@@ -693,9 +700,13 @@ def main(words: Iterable[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no further case after so long")
     parser.add_argument("--report", type=Path, help="the JSON; RUN_DIR/competitors.json without")
     chosen = parser.parse_args(None if words is None else list(words))
-    table = run(chosen.folder, chosen.cases, chosen.minutes, lambda line: print(line, flush=True))
     report = chosen.report or chosen.folder / "competitors.json"
-    write_text(report, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
+
+    def keep(table: dict[str, Any]) -> None:
+        write_text(report, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
+
+    table = run(chosen.folder, chosen.cases, chosen.minutes, lambda line: print(line, flush=True), keep)
+    keep(table)
     print(f"\n{markdown(table)}\n{report}: {len(table['cases'])} cases, {len(table['failed'])} failed")
     return 0
 
