@@ -305,7 +305,7 @@ def test_a_raw_recording_is_aligned_by_the_program_to_a_tenth_of_a_pixel(sealed_
     truth = json.loads(place.truth(name).read_text())
     assert not drawn.form and drawn.noise["row_um"] > 0 and abs(truth["raw"]["turn_deg"]) > 20
     part = read_height_map(place.data(name) / "target_0.tif")
-    report = align(read_height_map(place.data(name) / "raw_0.tif"), part).report()
+    report = align(read_height_map(place.data(name) / "raw_0.tif"), part).as_dict()
     pose, reach_um = truth["poses"][0], part.size_um[0] / 2
     away = np.hypot(*np.subtract(report["shift_um"], pose["shift_um"]))
     turned = np.radians((report["rotation_deg"] - pose["rotation_deg"] + 180) % 360 - 180)
