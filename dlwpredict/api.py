@@ -32,7 +32,8 @@ from dlwpredict.correction.precompensate import Limits, Precompensation, correct
 from dlwpredict.designs import KINDS
 from dlwpredict.diagnosis.answer.content import content_of
 from dlwpredict.diagnosis.answer.sides import extended
-from dlwpredict.diagnosis.run import Course, Diagnosis
+from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.diagnosis.run import Course
 from dlwpredict.diagnosis.run import diagnose as search
 from dlwpredict.errors import InputError, ResultError  # noqa: F401 (part of the interface)
 from dlwpredict.files import read_height_map, write_height_map

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from functools import cache
 
 from dlwpredict import designs
-from dlwpredict.diagnosis.run import Course, Diagnosis, diagnose
+from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.diagnosis.run import Course, diagnose
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Work
 from dlwpredict.infer.recording import prepare

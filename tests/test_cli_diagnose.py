@@ -17,7 +17,7 @@ from dlwpredict.effects import library
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.yaml_text import read_yaml
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
@@ -156,16 +156,23 @@ def test_nothing_is_named_where_nothing_is_missing(folder, tmp_path):
 
 @pytest.mark.slow
 def test_spikes_holes_and_relative_heights_are_no_physics(folder, tmp_path):
-    """A print cropped without substrate, lifted and tilted, a tenth of it missing, with lone spikes."""
+    """A print cropped without substrate, lifted and tilted, a tenth of it missing, with lone spikes and a scar."""
     rng, target = np.random.default_rng(40), designs.air(**PART | {"margin_um": 0.0})
     heights = recorded(target, 41).heights_um - 3 + 0.002 * target.x_um[None, :]
     heights[rng.random(target.shape) < 0.1] = np.nan
     heights[rng.random(target.shape) < 0.002] += 1.0
+    heights[20] += 0.15
     write_height_map(folder / "cropped.tif", target)
-    write_height_map(folder / "lifted.tif", HeightMap(heights, target.dx_um, target.dy_um, "relative"))
-    found = called(folder, "--pair", "cropped.tif", "lifted.tif", "-o", str(tmp_path / "d.yaml"), "--no-advice")
+    scan = HeightMap(heights, target.dx_um, target.dy_um, "relative", instrument=Instrument("afm", 0.0))
+    write_height_map(folder / "lifted.tif", scan)
+    words = "-o", str(tmp_path / "d.yaml"), "--no-advice", "--report", str(tmp_path / "d.html")
+    found = called(folder, "--pair", "cropped.tif", "lifted.tif", *words)
     assert found.exit_code == 0, found.output
-    assert read_yaml(tmp_path / "d.yaml")["verdict"] == "none"
+    content = read_yaml(tmp_path / "d.yaml")
+    assert content["verdict"] == "none"
+    assert content["noise"][0]["scars"] == 1
+    assert "1 line of the scan left out for scars" in found.output
+    assert "Spectrum along x, the fast axis" in (tmp_path / "d.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -236,6 +243,8 @@ def test_the_strangest_pattern_describes_what_is_left(wave, spot, lines, kind, s
     )
     model = SimpleNamespace(unexplained=True, patterns=patterns, structure_um=0.009)
     recordings = [SimpleNamespace(name=name) for name in ("waves.tif", "dust.tif", "lines.tif")]
-    found = SimpleNamespace(extended=model, recordings=recordings, named=())
+    found = SimpleNamespace(extended=model, recordings=recordings, named=(), blemishes=())
     assert remainder(found).startswith(said)
+    found.blemishes = (SimpleNamespace(pair=1, x_um=1.25, y_um=-2.0),)
+    assert remainder(found).endswith("Left out of the fits as blemishes: x = 1.2, y = -2.0 µm in dust.tif.")
     assert kind_of_remainder(found) == kind

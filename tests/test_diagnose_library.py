@@ -175,6 +175,19 @@ class TestScreen:
             found.append([gains[frozenset({name})] for name in ("curl", "field-curvature")])
         np.testing.assert_allclose(found[0], found[1], rtol=0.1, atol=8)
 
+    @pytest.mark.slow
+    def test_what_a_model_leaves_that_scatters_along_a_named_effect_is_no_gain_of_its(self, part):
+        """What it does, half with one sign and half with the other: no net gain, but the scatter of one."""
+        truth = ParameterSet(paper=PAPER, effects=(library()["curl"](rise_um=0.1),))
+        objective, fit, signatures, screen = linearised(truth, truth, ("curl",))
+        done = fit.nuisances.beside(fit.rows.stack([fit.seen(0, signatures.done_um["curl"])]).ravel())
+        blocks = np.nonzero(fit.data[0].recording.used)[0] // 8
+        sign = np.append(np.where(blocks % 2, 1.0, -1.0), np.zeros(fit.rows.total - fit.rows.data))
+        left = replace(fit, residual=fit.residual + 100 * sign * done / np.linalg.norm(done))
+        quiet = Null(fit.rows.stack([np.random.default_rng(1).standard_normal((fit.rows.data, 200))]))
+        scattered = Linearised.of(signatures, left, quiet, objective)
+        assert 1 <= screen.named_spread[0] < 2.5 < 4 < scattered.named_spread[0]
+
 
 class TestHidden:
     def test_what_the_process_takes_has_a_second_column_per_direction(self, curled):

@@ -210,6 +210,17 @@ class TestSearch:
             found = search({CURL: 1000.0, FIELD: 10.0, CURL + FIELD: 1000.0 + more}, field_curvature=2.0)
             assert found.best() == names
 
+    def test_what_further_effects_promise_is_what_refits_have_shown(self, monkeypatch):
+        found = search({CURL: 30.0, FIELD: 20.0, CURL + FIELD: 50.0})
+        found.screen = lambda names: SimpleNamespace(cost=1000.0)
+        ranked = [SimpleNamespace(names=frozenset(names), gain=gain)
+                  for names, gain in ((CURL, 90.0), (DARK, 25.0), (CURL + DARK, 65.0))]  # fmt: skip
+        monkeypatch.setattr(Sets, "of", lambda screen, price: SimpleNamespace(ranked=ranked))
+        assert found.promised(frozenset()) == 65, "curl was refitted and brings 30; the pair was not"
+        assert found.promised(frozenset(CURL)) == 35
+        monkeypatch.setattr(policy, "MOST_EFFECTS", 1)
+        assert found.promised(frozenset(CURL)) == np.inf
+
     def test_two_names_are_apart_by_noise_by_form_and_by_what_is_left(self):
         found = search({CURL: 100.0}, curl=2.0)
         assert found.width(0.0, "curl") == pytest.approx(4)
@@ -219,7 +230,7 @@ class TestSearch:
     def test_what_another_noise_may_prefer_is_near(self):
         found = search({CURL: 100.0, FIELD: 80.0, DARK: 75.0, ("curl", "field-curvature"): 101.0})
         found.fitter = SimpleNamespace(settled=lambda fit: len(fit.parameters.effects) == 1)
-        starts = [(sorted(found.names(start.parameters)), start.settled) for start in found.near()]
+        starts = [(sorted(found.names(start.parameters)), start.settled) for start in found.near(found.best())]
         both = ["curl", "field-curvature"]
         assert starts == [
             (["curl"], True),
@@ -233,7 +244,11 @@ class TestSearch:
         """By a share of the gain: at 1000, 699 is not near, 701 is."""
         found = search({CURL: 1000.0, FIELD: 699.0, DARK: 701.0})
         found.fitter = SimpleNamespace(settled=lambda fit: False)
-        assert [sorted(found.names(start.parameters)) for start in found.near()] == [["curl"], [], ["vignetting"]]
+        assert [sorted(found.names(start.parameters)) for start in found.near(found.best())] == [
+            ["curl"],
+            [],
+            ["vignetting"],
+        ]
 
     @pytest.mark.parametrize(
         ("strength", "begun"),

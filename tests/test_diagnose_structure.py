@@ -8,13 +8,14 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.structure.blemishes import LOCAL, blemish
 from dlwpredict.diagnosis.structure.columns import Columns
 from dlwpredict.diagnosis.structure.forms import Beside, Energy, Forms, agreement
 from dlwpredict.diagnosis.structure.freeform import edge_distances, free_forms, smooth_forms, splines
 from dlwpredict.diagnosis.structure.largest import p_of_largest
-from dlwpredict.diagnosis.structure.places import WHERE, _box, locate, mismatch
+from dlwpredict.diagnosis.structure.places import WHERE, _box, locate
 from dlwpredict.diagnosis.structure.ripple import Ripple, ripple
-from dlwpredict.diagnosis.structure.spots import Bumps, Spot, spot
+from dlwpredict.diagnosis.structure.spots import Bumps, Spot, mismatch, spot
 from dlwpredict.diagnosis.structure.test import SINGLE, WAYS, Model
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import Free
@@ -117,6 +118,42 @@ class TestSpot:
         bumps, rng = Bumps.of(item), np.random.default_rng(9)
         squares = np.mean([bumps.scores(rng.standard_normal(4200)) ** 2 for _ in range(60)], axis=0)
         assert squares[:, 12:-12, 12:-12].mean(axis=(1, 2)) == pytest.approx(1, abs=0.15)
+
+
+class TestBlemish:
+    @staticmethod
+    def of(shape, item, null, noise, promised):
+        """Return the blemish that noise with a bump of this shape has, and the spot."""
+        fit, draws = with_draws(noise + 20 * shape.ravel() / np.linalg.norm(shape), item, null)
+        bumps = Bumps.of(item)
+        lone = spot(fit, draws, [bumps])
+        return blemish(SimpleNamespace(fit=fit, spot=lone), bumps, promised * lone.excess), lone
+
+    @pytest.fixture
+    def particle(self):
+        return np.exp(-((GRID.x_um - 4.2) ** 2 + (GRID.y_um[:, None] + 3.0) ** 2) / (2 * 0.8**2))
+
+    def test_is_a_spot_that_explains_more_than_any_name_promises(self, item, null, noise, particle):
+        found, lone = self.of(particle, item, null, noise, 0.9)
+        assert (found.pair, found.x_um, found.y_um, found.excess) == (0, lone.x_um, lone.y_um, lone.excess)
+        assert self.of(particle, item, null, noise, 1.1)[0] is None
+        assert self.of(particle, item, null, noise, np.inf)[0] is None
+
+    def test_has_the_points_that_it_shows_on_and_no_others(self, item, null, noise, particle):
+        found, _ = self.of(particle, item, null, noise, 0.0)
+        assert found.points[particle > 0.2].all() and not found.points[particle < 1e-8].any()
+        recording = prepare(GRID, GRID)
+        left = found.left_out_of(recording)
+        assert not left.used[found.points].any()
+        assert (left.used == recording.used)[~found.points].all() and recording.used[found.points].any()
+
+    def test_noise_has_none_and_what_is_wide_is_none(self, item, null, noise):
+        wide = np.exp(-(GRID.x_um**2 + GRID.y_um[:, None] ** 2) / (2 * 6.0**2)) - 0.5
+        found, draws = with_draws(noise, item, null)
+        quiet = SimpleNamespace(fit=found, spot=spot(found, draws, [Bumps.of(item)]))
+        assert blemish(quiet, Bumps.of(item), 0.0) is None
+        dome, lone = self.of(wide, item, null, 0.02 * noise, 0.0)
+        assert lone.p_value < SINGLE and dome is None, LOCAL
 
 
 @pytest.mark.slow
@@ -298,3 +335,9 @@ class TestModel:
         assert self.of((0.5, 0.5, 0.5, 0.5)).left == 10
         assert self.of((0.5, SINGLE / 2, 0.5, SINGLE / 2)).left == 30
         assert self.of((0.5, 0.5, 0.5, 0.5), excess=-3.0).left == 0
+
+    def test_a_blemish_stays_structure_without_a_name(self):
+        gone = Spot(1, 3.0, 2.0, 1.0, 400.0, 1e-20)
+        model = replace(self.of((0.5, 0.5, 0.5, 0.5)), left_out=(gone,))
+        assert model.left == 410 and model.unexplained and model.patterns[1] is gone
+        assert model.residual[1] is model.spot

@@ -39,6 +39,7 @@ DIAGNOSE = [
     {"posterior"},
     {"search"},
     {"classes"},
+    {"judge"},
     {"run"},
     {"answer"},
 ]

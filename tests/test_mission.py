@@ -116,8 +116,19 @@ def test_the_second_of_two_has_only_its_double_beside_it():
 def test_what_no_effect_explains_is_called_unexplained_and_pointed_at():
     particle = {"name": "particle", "x_um": 4.0, "y_um": -3.0, "diameter_um": 4.0, "height_um": 0.3}
     found, _ = answered(particle)
-    assert found.verdict == "unexplained"
+    assert found.verdict == "unexplained" and not found.named
     assert points_at(particle, [vars(place) for place in found.places], target("cin").size_um[0])
+
+
+@pytest.mark.slow
+def test_a_blemish_takes_no_name_and_hides_none():
+    """A particle beside shrinkage, on both recordings: it is left out, and what is left is named as without it."""
+    particle = {"name": "particle", "x_um": 4.0, "y_um": -3.0, "diameter_um": 4.0, "height_um": 0.1}
+    found, _ = answered(particle, {"name": "lateral-shrinkage", **NAMED["lateral-shrinkage"][0]})
+    assert [one.names for one in found.named] == [["lateral-shrinkage"]]
+    assert {one.pair for one in found.blemishes} == {0, 1}
+    low, high = found.intervals(found.extended.fit).as_dict()["lateral-shrinkage.strain"]
+    assert low <= 0.02 <= high
 
 
 @pytest.mark.slow

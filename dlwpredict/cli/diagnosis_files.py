@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dlwpredict.diagnosis.run import Diagnosis
+from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.files import write_height_map
+from dlwpredict.noise.spectrum import spectra
 
 if TYPE_CHECKING:
     from dlwpredict.cli.pairs import Pair
@@ -48,6 +49,7 @@ def write_report(path: Path, diagnosis: Diagnosis, content: dict[str, Any], pair
     for k, pair in enumerate(pairs):
         item, shown = diagnosis.recordings[k], maps_of(diagnosis, k)
         measured = item.measured.with_heights(np.where(item.used, item.measured.heights_um, np.nan))
+        left, whitened = np.nan_to_num(shown["remainder"]), diagnosis.extended.fit.data[k]
         pictures.append(
             PairMaps(
                 str(pair.files[1]),
@@ -59,6 +61,7 @@ def write_report(path: Path, diagnosis: Diagnosis, content: dict[str, Any], pair
                 shown["explained"],
                 shown["remainder"],
                 diagnosis.mismatch[k],
+                spectra(left, whitened.recording.used, whitened.noise, whitened.slope),
             )
         )
     write_page(path, content, pictures, command=content["provenance"]["command"], evidence=_evidence(diagnosis))

@@ -24,7 +24,8 @@ from dlwpredict.diagnosis.answer.content import FORMAT, content_of, untested
 from dlwpredict.diagnosis.answer.halves import Classes, halves, named_by, with_halves
 from dlwpredict.diagnosis.answer.sides import extended
 from dlwpredict.diagnosis.answer.words import listed
-from dlwpredict.diagnosis.run import STAGES, Course, Diagnosis, Stage, diagnose
+from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.diagnosis.run import STAGES, Course, Stage, diagnose
 from dlwpredict.errors import InputError
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters

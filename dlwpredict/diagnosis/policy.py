@@ -35,6 +35,9 @@ ROUNDS = 6
 """Linearise, enumerate, refit, estimate the noise beside the best set: at most so often; one effect takes two rounds,
 each further one another."""
 
+BLEMISHES = 5
+"""Spots that are left out at most, all recordings together: what has more of them has structure."""
+
 REACH = 2.0
 """Refits are brought to convergence where they come within so many class widths of the best set: a quick fit may be
 one of them too high."""

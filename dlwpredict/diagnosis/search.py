@@ -54,10 +54,11 @@ class Search:
     spread: dict[str, float] = field(default_factory=dict)
     first: Linearised = field(init=False)
     asked: Thresholds = field(init=False)
+    screens: dict[Names, Linearised] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.fitted[frozenset()] = self.baseline
-        self.first = self.linearised(frozenset())
+        self.first = self.screen(frozenset())
         self.asked = thresholds(self.first, policy.LEVEL_NAMES, policy.LEVEL_NEXT, policy.INFLATED)
 
     def begin_with(self, earlier: Iterable[Start]) -> None:
@@ -75,7 +76,7 @@ class Search:
         effects are looked for whose place a width has taken.
         """
         before = self.rested()
-        sets = Sets.of(self.linearised(before) if before else self.first, self.price)
+        sets = Sets.of(self.screen(before), self.price)
         model, starts, promised = self.fitted[before], {}, {}
         for subset in sets.leading(before, self.width_of_set(before)):
             begun = self._starts(model, sets, subset)
@@ -136,12 +137,11 @@ class Search:
         noise = self.asked.first if alone else self.asked.next
         return noise * self.spread.get(name, 1.0) ** 2 + (0.0 if alone else self.form_error)
 
-    def near(self) -> list[Start]:
+    def near(self, best: Names) -> list[Start]:
         """Return where the best fit is, and those that come near it: another noise model might prefer them.
 
         The quick fit of a first effect may fall short where its law bends; it is near with a share of the gain.
         """
-        best = self.best()
         here, gain = self.fitted[best].cost, self.baseline.cost - self.fitted[best].cost
         limit = here + max(self.width_of_set(best), policy.SHORT * gain if len(best) == 1 else 0.0)
         reduced = [best - {name} for name in best]
@@ -158,6 +158,25 @@ class Search:
         """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""
         gain = max(self.baseline.cost - self.fitted[names].cost, 0.0)
         return policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+
+    def promised(self, names: Names) -> float:
+        """Return the 2 ln L that the best further effects bring a set: as refitted, to first order where they are not.
+
+        Infinite for a set that no effect is added to any more.
+        """
+        if len(names) == policy.MOST_EFFECTS:
+            return np.inf
+        screen, cost = self.screen(names), self.fitted[names].cost
+        more = [one for one in Sets.of(screen, self.price).ranked if one.names > names]
+        ends = [self.fitted[one.names].cost if one.names in self.fitted else screen.cost - one.gain for one in more]
+        return max((cost - end for end in ends), default=0.0)
+
+    def screen(self, names: Names) -> Linearised:
+        """Linearise about the best fit of a set, once."""
+        if names not in self.screens:
+            self.screens = {frozenset(): self.first} if names else {}
+            self.screens[names] = self.linearised(names)
+        return self.screens[names]
 
     def linearised(self, names: Names) -> Linearised:
         """Linearise about the best fit of a set; signatures are taken there once."""
@@ -189,9 +208,14 @@ class Search:
     def rested(self) -> Names:
         """Return the best set, brought to convergence where only its quick fit was known."""
         best = self.best()
-        if best:
-            self.fitted[best] = self.fitter.best(Start(self.fitted[best].parameters))
+        self.converged(best)
         return best
+
+    def converged(self, names: Names) -> Fit:
+        """Return the fit of a set, brought to convergence where only its quick fit was known."""
+        if names:
+            self.fitted[names] = self.fitter.best(Start(self.fitted[names].parameters))
+        return self.fitted[names]
 
     def names(self, parameters: ParameterSet) -> Names:
         """Return the names of the effects that the baseline has not."""

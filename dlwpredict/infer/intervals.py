@@ -2,8 +2,7 @@
 
 Four things spread an estimate: noise, its model being an estimate too; what two honest computations differ by; priors
 where the data leave a direction open; and what is known by its prior alone. Whatever the noise model says, blocks of
-the residual show how much scatter there is along an estimator (a sandwich: White, Econometrica 48, 817, 1980); the
-larger of both is taken.
+the residual show how much scatter there is along an estimator (`Null.shown`); the larger of both is taken.
 """
 
 from __future__ import annotations
@@ -23,9 +22,6 @@ from dlwpredict.parameters import ParameterSet
 NORMAL = 1.96
 """Standard deviations that a 95 % interval reaches to each side."""
 
-BLOCKS = 7
-"""Blocks along each side of a map: wide against the noise, and enough of them to know a variance."""
-
 CURVED = 0.25
 """A positive parameter whose standard deviation is more than this share of its value has its profile taken; one too
 whose linear interval meets a bound."""
@@ -40,7 +36,7 @@ def deviations(fitted: Fit, null: Null, work: Work | None = None) -> np.ndarray:
     lengths = np.linalg.norm(estimators, axis=0)
     known = lengths > 0
     unit = estimators / np.where(known, lengths, 1)
-    noise = np.maximum(null.along(unit).var(axis=1), _sandwich(fitted, unit))
+    noise = null.shown(fitted, unit)
     open_to_priors = np.sum(unit[fitted.rows.data :] ** 2, axis=0)
     spread = np.sqrt(noise + numerical(fitted, unit) ** 2 + open_to_priors)
     return np.where(known, np.hypot(lengths * spread, considered(fitted, work or Work())), np.inf)
@@ -64,22 +60,6 @@ def considered(fitted: Fit, work: Work) -> np.ndarray:
         changes.append(fitted.seen(k, np.nan_to_num(read.heights_um - known.heights_um)[None]))
     per_share = fitted.rows.stack(changes)[:, 0] / (1 - process.readings.square_share)
     return np.sqrt(1 / 12) * np.abs(per_share @ fitted.estimators)
-
-
-def _sandwich(fitted: Fit, unit: np.ndarray) -> np.ndarray:
-    """Return the variance along unit columns (rows, columns) that the residual's blocks show."""
-    variances = np.zeros(unit.shape[1])
-    for item, part, residual in zip(
-        fitted.data, fitted.rows.split(unit), fitted.rows.split(fitted.residual), strict=True
-    ):
-        used = item.recording.used
-        row, col = (
-            np.minimum(place * BLOCKS // n, BLOCKS - 1) for place, n in zip(np.nonzero(used), used.shape, strict=True)
-        )
-        sums = np.zeros((BLOCKS**2, unit.shape[1]))
-        np.add.at(sums, row * BLOCKS + col, part * residual[:, None])
-        variances += np.sum(sums**2, axis=0)
-    return variances
 
 
 def linear(free: Free, vector: np.ndarray, sd: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dlwpredict.infer.objective import Fit
 from dlwpredict.infer.rows import Rows
+from dlwpredict.infer.sandwich import sandwich
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.estimate import NoiseEstimate
 from dlwpredict.numerics.parallel import ALONE, Workers
@@ -60,6 +61,10 @@ class Null:
     def spread(self, fitted: Fit, unit: np.ndarray) -> np.ndarray:
         """Return the standard deviation of noise and numerical differences along columns of length 1 (or 0)."""
         return np.hypot(self.along(unit).std(axis=1), numerical(fitted, unit))
+
+    def shown(self, fitted: Fit, unit: np.ndarray) -> np.ndarray:
+        """Return the variance along columns of length 1: the noise's, or the residual's own where that is larger."""
+        return np.maximum(self.along(unit).var(axis=1), sandwich(fitted, unit))
 
 
 def numerical(fitted: Fit, unit: np.ndarray) -> np.ndarray:

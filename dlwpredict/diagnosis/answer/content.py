@@ -10,8 +10,8 @@ import numpy as np
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer import words
 from dlwpredict.diagnosis.classes import Named, strengths
+from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds
-from dlwpredict.diagnosis.run import Diagnosis
 from dlwpredict.diagnosis.structure.test import Model
 from dlwpredict.effects import library as every_effect
 from dlwpredict.effects.base import Effect
@@ -61,7 +61,8 @@ def content_of(diagnosis: Diagnosis, profiled: Ends | None = None) -> dict[str, 
                 "rows": _lines(n.model.rows),
                 "columns": _lines(n.model.columns),
             }
-            for n in diagnosis.noises
+            | ({"scars": recording.scars} if recording.scans else {})
+            for n, recording in zip(diagnosis.noises, diagnosis.recordings, strict=True)
         ],
         "baseline": baseline,
         "extended": _model(diagnosis.extended, diagnosis, intervals),
@@ -76,6 +77,16 @@ def content_of(diagnosis: Diagnosis, profiled: Ends | None = None) -> dict[str, 
                 "y_um": [round(v, 2) for v in place.y_um],
             }
             for place in diagnosis.places
+        ],
+        "blemishes": [
+            {
+                "pair": one.pair,
+                "x_um": round(one.x_um, 2),
+                "y_um": round(one.y_um, 2),
+                "points": int(one.points.sum()),
+                "p_value": _short(one.p_value),
+            }
+            for one in diagnosis.blemishes
         ],
         "findings": [_finding(diagnosis, item, intervals) for item in diagnosis.named],
         "remainder": {

@@ -8,7 +8,7 @@ from typing import get_args
 
 from dlwpredict.diagnosis.answer.words import side_of
 from dlwpredict.diagnosis.classes import Member, Named
-from dlwpredict.diagnosis.run import Diagnosis
+from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.effects import library
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.model import joined, lacking

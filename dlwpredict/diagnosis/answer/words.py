@@ -7,7 +7,7 @@ from typing import Any
 
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
-from dlwpredict.diagnosis.run import Diagnosis
+from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
 from dlwpredict.parameters import declarations
@@ -126,6 +126,12 @@ def kind_of_remainder(diagnosis: Diagnosis) -> str:
 
 def remainder(diagnosis: Diagnosis) -> str:
     """Return what is left, in words."""
+    spots = [(b.x_um, b.y_um, diagnosis.recordings[b.pair].name) for b in diagnosis.blemishes]
+    said = "; ".join(f"x = {x:.1f}, y = {y:.1f} µm in {name}" for x, y, name in spots)
+    return _left(diagnosis) + (f" Left out of the fits as blemishes: {said}." if said else "")
+
+
+def _left(diagnosis: Diagnosis) -> str:
     kind = kind_of_remainder(diagnosis)
     if kind == "none":
         return "What is left looks like noise."

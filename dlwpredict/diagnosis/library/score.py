@@ -17,7 +17,7 @@ from scipy import linalg, special
 from dlwpredict.diagnosis.library.candidates import Candidate
 from dlwpredict.diagnosis.library.hidden import bent, hidden
 from dlwpredict.diagnosis.library.signatures import Signatures
-from dlwpredict.infer.null import Null
+from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective
 
 SIMULATED = 2000
@@ -54,7 +54,8 @@ class Linearised:
     spread : numpy.ndarray, shape (candidates,)
         Standard deviation that noise and numerical differences give along each column: 1 for exactly known noise.
     named_spread : numpy.ndarray, shape (named effects,)
-        The same along what each named effect does.
+        The same along what each named effect does; of noise or of what the residual's blocks show, the larger: what a
+        name gains must stand above all that the model leaves unsaid.
     answers : list of dict
         By how much every parameter of the process answers to a typical size of each candidate.
     cost : float
@@ -97,8 +98,9 @@ class Linearised:
         real = lengths > 0
         left *= np.where(real, 1 / np.where(real, lengths, 1), 0.0)
         own_units = [block / np.maximum(np.linalg.norm(block, axis=0), 1e-12) for block in columns]
-        first = [block[:, :1].astype(np.float32) for block in own_units]
-        spread = np.maximum(null.spread(model, np.column_stack([left, *first])), 1.0)
+        first = np.column_stack([np.zeros((len(residual), 0)), *(block[:, :1] for block in own_units)])
+        spread = np.maximum(null.spread(model, left), 1.0)
+        own_spread = np.sqrt(np.maximum(null.shown(model, first), 1.0) + numerical(model, first) ** 2)
         products, raw = _products(np.column_stack([*own_units, left]).astype(np.float32, copy=False), residual)
         return cls(
             model,
@@ -109,8 +111,8 @@ class Linearised:
             raw,
             lengths,
             whole,
-            spread[: len(lengths)],
-            spread[len(lengths) :],
+            spread,
+            own_spread,
             [dict(zip([model.free.names[k] for k in process], answer, strict=True)) for answer in answers.T]
             + [dict(candidate.answer) for candidate in hidden],
             float(residual @ residual),

@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, special
 
+from dlwpredict.diagnosis.structure.blemishes import Blemish
 from dlwpredict.diagnosis.structure.columns import Columns
 from dlwpredict.diagnosis.structure.forms import Beside, Energy, Forms
 from dlwpredict.diagnosis.structure.ripple import Ripple
-from dlwpredict.diagnosis.structure.spots import SCALES_PX, Bumps, Spot
+from dlwpredict.diagnosis.structure.spots import SURE, Bumps, Spot, mismatch, patch
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Fit
 from dlwpredict.infer.whitened import Whitened
-
-SURE = 0.95
-"""A pixel belongs to a place where the mismatch is at least this sure."""
 
 SIMPLER = 0.8
 """Simpler families of forms are named where they explain this share of what better ones do."""
@@ -65,28 +62,23 @@ class Place:
     y_um: tuple[float, float]
 
 
-def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return how surely each pixel differs beyond noise, 0 to 1, shape (rows, cols).
-
-    1 − p, with p corrected for the number of bumps that fit on the map side by side, at all sizes.
-    """
-    single = 2 * special.ndtr(-np.abs(score))
-    bumps = np.array([max(used.sum() / (4 * np.pi * s**2), 1.0) for s in SCALES_PX])[:, None, None]
-    return np.where(used, 1 - np.minimum(single * bumps * len(SCALES_PX), 1).min(axis=0), 0.0)
-
-
 def locate(
-    fitted: Fit, forms: Forms, beside: Beside, bumps: Sequence[Bumps], patterns: Sequence[Ripple | Spot | Columns]
+    fitted: Fit,
+    forms: Forms,
+    beside: Beside,
+    bumps: Sequence[Bumps],
+    patterns: Sequence[Ripple | Spot | Columns],
+    blemishes: Sequence[Blemish] = (),
 ) -> tuple[list[Place], list[np.ndarray]]:
     """Name the places of a fit's mismatch, the largest share first; and return the maps of `mismatch`.
 
     Patterns that are more than noise are places, too: a spot where free forms have not found it, waves and columns over
-    the whole map, for no form follows them.
+    the whole map, for no form follows them. So is every blemish that was left out of the fit.
     """
     lone = next((pattern for pattern in patterns if isinstance(pattern, Spot)), None)
     wide = [pattern for pattern in patterns if not isinstance(pattern, Spot)]
     whole = max(beside.energy().excess, lone.excess if lone else 0.0, 0.0) + sum(pattern.excess for pattern in wide)
-    whole = max(whole, 1e-9)
+    whole = max(whole + sum(one.excess for one in blemishes), 1e-9)
     places, maps = [], []
     for k, item in enumerate(fitted.data):
         score = bumps[k].scores(fitted.residual[fitted.rows.of(k)])
@@ -103,6 +95,11 @@ def locate(
         x_um, y_um = _outline(fitted.data[pattern.pair].recording.target)
         share = float(np.clip(pattern.excess / whole, 0, 1))
         places.append(Place(pattern.pair, pattern.where, share, pattern.p_value, x_um, y_um))
+    for one in blemishes:
+        where, share = f"around x = {one.x_um:.1f}, y = {one.y_um:.1f} µm", float(np.clip(one.excess / whole, 0, 1))
+        box = _ends(fitted.data[one.pair].recording.target, one.points.astype(float))
+        places.append(Place(one.pair, where, share, one.p_value, *box))
+        maps[one.pair] = np.where(one.points, 1.0, maps[one.pair])
     return sorted(places, key=lambda place: -place.share), maps
 
 
@@ -156,14 +153,13 @@ def _box(
     grid, strength = item.recording.target, np.abs(score).max(axis=0)
     row, col = np.unravel_index(np.argmax(np.where(item.recording.used, strength, 0)), strength.shape)
     region = sure >= SURE
-    if local:
-        bridged = ndimage.binary_closing(np.pad(region, 4), iterations=3)[4:-4, 4:-4] | region
-        labels, _ = ndimage.label(bridged, structure=np.ones((3, 3)))
-        region = (labels == labels[row, col]) if labels[row, col] else np.zeros_like(region)
-    if not region.any():
-        region = np.zeros_like(region)
-        region[max(row - 3, 0) : row + 4, max(col - 3, 0) : col + 4] = True
-    weight = np.where(region, strength**2, 0.0)
+    if local or not region.any():
+        region = patch(sure, int(row), int(col))
+    return *_ends(grid, np.where(region, strength**2, 0.0)), (float(grid.x_um[col]), float(grid.y_um[row]))
+
+
+def _ends(grid: HeightMap, weight: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return between which x and which y the middle 95 % of weights (rows, cols) lie, µm."""
 
     def ends(positions: np.ndarray, weights: np.ndarray, pitch: float) -> tuple[float, float]:
         order = np.argsort(positions)
@@ -171,6 +167,4 @@ def _box(
         low, high = positions[order][np.searchsorted(share, (0.025, 0.975))]
         return float(low - pitch / 2), float(high + pitch / 2)
 
-    x_um = ends(grid.x_um, weight.sum(axis=0), grid.dx_um)
-    y_um = ends(grid.y_um, weight.sum(axis=1), grid.dy_um)
-    return x_um, y_um, (float(grid.x_um[col]), float(grid.y_um[row]))
+    return ends(grid.x_um, weight.sum(axis=0), grid.dx_um), ends(grid.y_um, weight.sum(axis=1), grid.dy_um)

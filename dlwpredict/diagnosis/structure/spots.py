@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, special
 
 from dlwpredict.diagnosis.structure.largest import LARGEST_OF, p_of_largest
 from dlwpredict.infer.objective import Fit
@@ -16,6 +16,9 @@ from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 
 SCALES_PX = (1.0, 2.5, 6.0)
 """Standard deviations of the bumps that are looked for, pixels."""
+
+SURE, BRIDGED_PX = 0.95, 3
+"""A pixel belongs to a spot where the mismatch is at least this sure, gaps of less than twice so many pixels too."""
 
 SPREAD_DRAWS = 40
 """Maps of white noise from which the spread of a score is known."""
@@ -102,3 +105,27 @@ def spot(fitted: Fit, draws: np.ndarray, bumps: Sequence[Bumps]) -> Spot:
         place = float(grid.x_um[col]), float(grid.y_um[row])
         spots.append(Spot(k, *place, fwhm_um, energy - 1, p_of_largest(energy, largest, of=len(fitted.data))))
     return min(spots, key=lambda bump: bump.p_value)
+
+
+def mismatch(score: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return how surely each pixel differs beyond noise, 0 to 1, shape (rows, cols).
+
+    1 − p, with p corrected for the number of bumps that fit on the map side by side, at all sizes.
+    """
+    single = 2 * special.ndtr(-np.abs(score))
+    bumps = np.array([max(used.sum() / (4 * np.pi * s**2), 1.0) for s in SCALES_PX[: len(score)]])[:, None, None]
+    return np.where(used, 1 - np.minimum(single * bumps * len(score), 1).min(axis=0), 0.0)
+
+
+def patch(sure: np.ndarray, row: int, col: int) -> np.ndarray:
+    """Return the connected region of sure mismatch about a pixel, (rows, cols) of bool; a small square without one."""
+    region = np.pad(sure >= SURE, BRIDGED_PX + 1)
+    region |= ndimage.binary_closing(region, iterations=BRIDGED_PX)
+    labels, _ = ndimage.label(region, structure=np.ones((3, 3)))
+    inner = (slice(BRIDGED_PX + 1, -BRIDGED_PX - 1),) * 2
+    labels = labels[inner]
+    if labels[row, col]:
+        return labels == labels[row, col]
+    square = np.zeros(sure.shape, dtype=bool)
+    square[max(row - BRIDGED_PX, 0) : row + BRIDGED_PX + 1, max(col - BRIDGED_PX, 0) : col + BRIDGED_PX + 1] = True
+    return square

@@ -49,6 +49,8 @@ class Model:
         Offsets of whole columns, lines along y, that the residual was found to have.
     blocks, recordings : LeftOut or None
         Errors on blocks and on whole recordings that the fit had not seen.
+    left_out : tuple of Spot
+        Blemishes that the fit was kept from: structure that no model of it explains.
     """
 
     fit: Fit
@@ -61,9 +63,18 @@ class Model:
     columns: Columns
     blocks: LeftOut | None
     recordings: LeftOut | None
+    left_out: tuple[Spot, ...] = ()
 
     @classmethod
-    def of(cls, fit: Fit, forms: Forms, bumps: Sequence[Bumps], columns: Columns, null: Null) -> Model:
+    def of(
+        cls,
+        fit: Fit,
+        forms: Forms,
+        bumps: Sequence[Bumps],
+        columns: Columns,
+        null: Null,
+        left_out: Sequence[Spot] = (),
+    ) -> Model:
         """Test a fit."""
         draws = null.beside(fit)
         beside = Beside.of(fit, forms.blocks, draws)
@@ -78,12 +89,18 @@ class Model:
             columns,
             held_out.blocks(fit),
             held_out.recordings(fit),
+            tuple(left_out),
         )
 
     @property
-    def patterns(self) -> tuple[Ripple, Spot, Columns]:
-        """The strongest of each kind of structure that has a form of its own."""
+    def residual(self) -> tuple[Ripple, Spot, Columns]:
+        """The strongest of each kind of structure that has a form of its own, in what the fit leaves."""
         return self.ripple, self.spot, self.columns
+
+    @property
+    def patterns(self) -> tuple[Ripple, Spot, Columns]:
+        """The same, blemishes that were left out included."""
+        return self.ripple, min((self.spot, *self.left_out), key=lambda one: (one.p_value, -one.excess)), self.columns
 
     @property
     def p_value(self) -> float:
@@ -98,4 +115,5 @@ class Model:
     @property
     def left(self) -> float:
         """What χ² in the residual is beyond noise: by free forms, and by every pattern that stands out by itself."""
-        return max(self.forms.excess, 0) + sum(pattern.excess for pattern in self.patterns if pattern.p_value < SINGLE)
+        strange = [pattern for pattern in self.residual if pattern.p_value < SINGLE]
+        return max(self.forms.excess, 0) + sum(pattern.excess for pattern in (*strange, *self.left_out))

@@ -1,0 +1,197 @@
+"""What a state of the search says: the answer, with everything that it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.classes import Named, named_in
+from dlwpredict.diagnosis.library.score import Linearised, Thresholds
+from dlwpredict.diagnosis.search import Names, Search
+from dlwpredict.diagnosis.structure.blemishes import Blemish, blemish, suspected
+from dlwpredict.diagnosis.structure.columns import Columns
+from dlwpredict.diagnosis.structure.forms import Energy, Forms, agreement
+from dlwpredict.diagnosis.structure.freeform import smooth_forms
+from dlwpredict.diagnosis.structure.places import Place, locate
+from dlwpredict.diagnosis.structure.spots import Bumps
+from dlwpredict.diagnosis.structure.test import SINGLE, Model
+from dlwpredict.infer import held_out
+from dlwpredict.infer.fitter import Fitter
+from dlwpredict.infer.intervals import Intervals, intervals
+from dlwpredict.infer.noises import noises, white
+from dlwpredict.infer.null import Null
+from dlwpredict.infer.objective import Fit, Objective, Work
+from dlwpredict.infer.recording import Recording, doubted
+from dlwpredict.infer.whitened import Whitened, steepness
+from dlwpredict.noise.estimate import NoiseEstimate
+from dlwpredict.numerics.parallel import ALONE, Workers
+
+DOUBTED_UM = 0.01
+"""Noise by which a recording held out is registered before its own is estimated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the recordings say about the model.
+
+    Parameters
+    ----------
+    recordings : tuple of Recording
+    noises : tuple of NoiseEstimate
+    baseline, extended : Model
+        The same object where nothing was named.
+    named : tuple of Named
+        Effects that were added, strongest first.
+    screen : Linearised
+        Scores beside the baseline.
+    thresholds : Thresholds
+    null : Null
+    fitter : Fitter
+    agreement : Energy or None
+        Whether every recording alone would give the same parameters.
+    places : tuple of Place
+        Where the baseline's mismatch sits.
+    mismatch : tuple of numpy.ndarray, shape (rows, cols)
+        How surely each pixel differs from the baseline beyond noise, 0 to 1.
+    holdout : tuple of Whitened
+        Recordings that no fit has seen.
+    blemishes : tuple of Blemish
+        Spots whose points were left out of everything.
+    not_tried : tuple of str
+        Effects that no refit has tried yet although the screen points at them; empty where the search is complete.
+    complete : bool
+    """
+
+    recordings: tuple[Recording, ...]
+    noises: tuple[NoiseEstimate, ...]
+    baseline: Model
+    extended: Model
+    named: tuple[Named, ...]
+    screen: Linearised
+    thresholds: Thresholds
+    null: Null
+    fitter: Fitter
+    agreement: Energy | None
+    places: tuple[Place, ...]
+    mismatch: tuple[np.ndarray, ...]
+    holdout: tuple[Whitened, ...] = ()
+    blemishes: tuple[Blemish, ...] = ()
+    not_tried: tuple[str, ...] = ()
+    complete: bool = True
+
+    @property
+    def holdout_by(self) -> str:
+        """How data are kept from the fits."""
+        if self.holdout:
+            return "recordings held out"
+        return "recordings left out in turn" if len(self.recordings) > 1 else "blocks left out in turn"
+
+    def held_out_um(self, fitted: Fit) -> float | None:
+        """Return the root mean square error of a fit on data that it has not seen, µm."""
+        if self.holdout:
+            seen = replace(self.fitter.objective, data=self.holdout, work=Work())
+            return seen.at(fitted.free, fitted.vector).rmse_um()
+        fitted = self.fitter.objective.whole(fitted)
+        found = held_out.recordings(fitted) or held_out.blocks(fitted)
+        return found.rmse_um if found else None
+
+    def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
+        """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
+        objective, own = self.fitter.objective, [name for name in fitted.free.names if "." in name]
+        return intervals(objective.whole(fitted), self.null, objective if profiles else None, own, objective.work)
+
+    @property
+    def explained(self) -> float:
+        """Share of what free forms, a ripple, a spot and columns explain that the named effects explain, 0 to 1."""
+        whole = self.baseline.left
+        return float(np.clip(1 - self.extended.left / whole, 0, 1)) if whole > 0 else 1.0
+
+    @property
+    def verdict(self) -> str:
+        """The strongest statement that the data allow: identified, ambiguous, unexplained or none."""
+        if self.extended.unexplained and self.explained < policy.EXPLAINED:
+            return "unexplained"
+        if not self.named:
+            return "none"
+        return "identified" if len(self.named[0].names) == 1 else "ambiguous"
+
+
+class Judge:
+    """Turns a state of the search into an answer; what hangs on the baseline alone is computed once."""
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        noise: Sequence[NoiseEstimate],
+        baseline: Fit,
+        fitter: Fitter,
+        null: Null,
+        holdout: Sequence[Whitened] = (),
+        left_out: Sequence[Blemish] = (),
+    ) -> None:
+        self.recordings, self.noise, self.fitter, self.null = tuple(recordings), tuple(noise), fitter, null
+        self.forms = Forms.of(baseline)
+        self.bumps = [Bumps.of(item, seed=k) for k, item in enumerate(baseline.data)]
+        self.holdout, self.left_out = tuple(holdout), tuple(left_out)
+        self.baseline = Model.of(baseline, self.forms, self.bumps, Columns.of(noise), null, self.left_out)
+        strange = [one for one in self.baseline.residual if one.p_value < SINGLE]
+        beside = self.baseline.beside
+        self.places, self.mismatch = locate(baseline, self.forms, beside, self.bumps, strange, self.left_out)
+        self.agreement = agreement(baseline, self.baseline.draws)
+        self.models: dict[Names, Model] = {frozenset(): self.baseline}
+
+    def model(self, search: Search, names: Names) -> Model:
+        """Return the tests of the best fit of a set."""
+        if names not in self.models:
+            fit, columns = search.converged(names), self.baseline.columns
+            model = Model.of(fit, self.forms, self.bumps, columns, self.null, self.left_out)
+            self.models = {frozenset(): self.baseline, names: model}
+        return self.models[names]
+
+    def blemish(self, search: Search, names: Names) -> Blemish | None:
+        """Return the spot, if any, that explains more of what a set leaves than any further effects would."""
+        model = self.model(search, names)
+        if len(self.left_out) == policy.BLEMISHES or not suspected(model):
+            return None
+        return blemish(model, self.bumps[model.spot.pair], search.promised(names))
+
+    def answer(self, search: Search, names: Names, *, complete: bool) -> Diagnosis:
+        """Return the answer that the best set so far gives."""
+        extended = self.model(search, names)
+        left = extended.left if extended.unexplained else 0.0
+        tried = frozenset().union(*search.fitted)
+        return Diagnosis(
+            self.recordings,
+            self.noise,
+            self.baseline,
+            extended,
+            tuple(named_in(search, names, left)) if complete or names else (),
+            search.first,
+            search.asked,
+            self.null,
+            self.fitter,
+            self.agreement,
+            tuple(self.places),
+            tuple(self.mismatch),
+            self.holdout,
+            self.left_out,
+            () if complete else tuple(sorted(set(search.first.names) - tried)),
+            complete,
+        )
+
+
+def registered(
+    holdout: Sequence[Recording], fitted: Fit, objective: Objective, seed: int, workers: Workers = ALONE
+) -> tuple[Whitened, ...]:
+    """Whiten recordings held out, each by the noise of its own, where a fit registers them."""
+    some = [doubted(recording) for recording in holdout]
+    seen = replace(objective, data=tuple(Whitened.of(r, white(r, DOUBTED_UM)) for r in some), work=Work())
+    fit = seen.at(fitted.free, fitted.vector)
+    slopes = [steepness(trace.heights_um, r.target) for trace, r in zip(fit.traces, some, strict=True)]
+    smooth = [smooth_forms(recording.target) for recording in some]
+    found = noises(some, fit.residuals_um(), smooth, slopes=slopes, seed=seed, workers=workers)
+    items = zip(some, found, slopes, fit.data, strict=True)
+    return tuple(replace(Whitened.of(r, n.model, slope), shift_um=item.shift_um) for r, n, slope, item in items)
