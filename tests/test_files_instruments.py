@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from dlwpredict.cli import app
 from dlwpredict.errors import InputError
 from dlwpredict.files import instruments, read_height_map, write_height_map, x3p
 from dlwpredict.files.formats import formats
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from tests import instrument_files as make
 
 RECORDINGS = Path(
@@ -467,6 +468,29 @@ def test_two_readers_agree_on_the_sphere():
     one, two = (read_height_map(RECORDINGS / f"sphere_r500um_50x{end}") for end in (".mnt", "_converted.x3p"))
     assert one.same_grid(two)
     assert np.allclose(one.heights_um, two.heights_um, rtol=0, atol=1e-6, equal_nan=True)
+
+
+@needs_extra
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings not at hand")
+@pytest.mark.parametrize(
+    ("name", "directions"),
+    [
+        ("afm_both_directions.ibw", ("HeightTrace", "HeightRetrace")),
+        ("afm_both_directions.nid", ("Scan forward (Z-AxisSensor)", "Scan backward (Z-AxisSensor)")),
+    ],
+)
+def test_both_directions_of_a_scan_are_read_the_same_way_round(tmp_path, name, directions):
+    """Each by its channel, not mirrored against the other, with the fast axis along x."""
+    assert all(direction in one_line(convert(RECORDINGS / name, tmp_path / "a.tif")) for direction in directions)
+    maps = []
+    for number, direction in enumerate(directions):
+        out = tmp_path / f"{number}.tif"
+        assert convert(RECORDINGS / name, out, "--channel", direction).exit_code == 0
+        maps.append(read_height_map(out))
+    trace, retrace = (np.diff(gaussian_filter(one.heights_um, 1.5), axis=1) for one in maps)
+    assert maps[0].same_grid(maps[1]) and maps[0].instrument == maps[1].instrument == Instrument("afm", 0.0)
+    alike, mirrored = (np.corrcoef(trace.ravel(), one.ravel())[0, 1] for one in (retrace, retrace[:, ::-1]))
+    assert 0.5 < alike < 0.999 and mirrored < 0.5
 
 
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings not at hand")

@@ -7,7 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.effects import library
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer import held_out
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, choose
@@ -207,6 +207,19 @@ class TestNoises:
         (found,) = noises([recording], [first.heights_um - 2], [plane(target)], repeats=[[second]])
         assert found.source == "repeats"
         assert found.model.even.sigma_um == pytest.approx(0.02, rel=0.15)
+
+    @pytest.mark.parametrize("scar_um", [0.0, 0.3])
+    def test_what_repeats_differ_by_where_they_were_laid_is_no_noise(self, scar_um):
+        """A sideways shift, as of trace and retrace where the feedback lags; and a scar of the repeat."""
+        target = HeightMap(np.full((SIDE, SIDE), 2.0), 0.5, 0.5)
+        rng, place = np.random.default_rng(0), np.broadcast_to(np.linspace(0, 6 * np.pi, SIDE), (SIDE, SIDE))
+        left, again = 0.01 * rng.normal(size=(2, SIDE, SIDE))
+        again[SIDE // 2] += scar_um
+        first = HeightMap(2 + np.cos(place) + left, 0.5, 0.5, instrument=Instrument("afm", 0.0))
+        recording, second = prepare(target, first, wall_px=0), first.with_heights(2 + np.cos(place - 0.05) + again)
+        (found,) = noises([recording], [left], [plane(target)], repeats=[[second]])
+        assert found.model.even.sigma_um == pytest.approx(0.01, rel=0.15)
+        assert found.model.row_um < 0.002
 
     def test_a_design_is_kept_to_what_is_independent(self):
         used = np.ones((SIDE, SIDE), dtype=bool)

@@ -11,7 +11,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import with_values
 from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.priors import LATERAL, LEVELLING
-from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, trusted, without_spikes
+from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, trusted, without_outliers
 from dlwpredict.infer.trace import trace
 from dlwpredict.metrology.walls import near_walls
 from dlwpredict.model.levels import Levels
@@ -106,7 +106,7 @@ class TestRecordings:
         row, col = np.argwhere(recording.used)[1000]
         residual = 0.01 * np.random.default_rng(0).normal(size=air.shape)
         residual[row, col] = 1.0
-        kept = without_spikes(recording, residual)
+        kept = without_outliers(recording, residual, air.heights_um)
         assert recording.used[row, col] and not kept.used[row, col]
         assert kept.points > 0.99 * recording.points
 

@@ -15,9 +15,13 @@ from dlwpredict.diagnosis.answer.words import statement
 from dlwpredict.diagnosis.classes import Member, Named
 from dlwpredict.effects import library
 from dlwpredict.files.parameters_yaml import parameters_as_dict
+from dlwpredict.heightmap import Instrument
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.spectrum import spectra
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.pages.diagnosis import Evidence, PairMaps, parameter_rows, write_page
 from dlwpredict.pages.pictures import coarser, worst_place
+from dlwpredict.pages.spectra import spectra as pictures_of_spectra
 from dlwpredict.pages.terminal import lines
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
@@ -43,6 +47,13 @@ def pair(name, target, seed):
     mismatch = np.clip((np.abs(after - before) / NOISE_UM - 1) / 3, 0, 1)
     measured = target.with_heights(heights)
     return PairMaps(name, target, measured, before, after, residual, after - before, heights - after, mismatch)
+
+
+def with_spectra(pair, instrument):
+    """Return a pair with the spectra of its remainder, recorded by an instrument."""
+    left, used = np.nan_to_num(pair.remainder_um), ~np.isnan(pair.remainder_um)
+    noise = Uneven(Noise(NOISE_UM * 0.8, NOISE_UM * 0.6, 1.0, pair.target.dx_um, pair.target.dy_um))
+    return replace(pair, measured=replace(pair.measured, instrument=instrument), spectra=spectra(left, used, noise))
 
 
 def invented(**changes):
@@ -216,6 +227,39 @@ def test_page_and_terminal_say_how_sure_and_how_far(tmp_path, maps):
     whole = content | {"complete": True, "not_tried": []}
     assert f"complete: {spent}, 33 s of processor time" in lines(whole)
     assert "not complete" not in Reader(written(tmp_path / "whole.html", whole, maps)).text
+
+
+@pytest.mark.slow
+def test_page_and_terminal_say_how_many_lines_of_the_scan_were_left_out(tmp_path, maps):
+    content = ambiguous()
+    assert "scars" not in " ".join(lines(content))
+    content["noise"] = [content["noise"][0] | {"scars": 2}, content["noise"][1] | {"scars": 1}]
+    assert "noise 20.0 nm; 3 lines of the scan left out for scars" in " ".join(" ".join(lines(content)).split())
+    text = written(tmp_path / "report.html", content, maps)
+    cells = re.findall(r"<td[^>]*>([^<]*)</td></tr>", text[text.index("lines with scars") :])
+    assert cells[:2] == ["2", "1"]
+
+
+@pytest.mark.slow
+def test_the_spectra_of_what_is_left_stand_beside_the_noise(tmp_path, maps):
+    shown = [with_spectra(maps[0], Instrument("afm", 90.0)), maps[1]]
+    text = written(tmp_path / "report.html", ambiguous(), shown)
+    assert len(images(text)) == 6 * len(maps) + 2
+    assert (
+        text.index("<h2>Noise</h2>") < text.index("Spectrum along y, the fast axis") < text.index("Parameters before")
+    )
+
+
+@pytest.mark.parametrize(
+    ("instrument", "titles"),
+    [
+        (Instrument("afm", 177.0), ["Spectrum along x, the fast axis", "Spectrum along y, the slow axis"]),
+        (Instrument("afm", -90.0), ["Spectrum along y, the fast axis", "Spectrum along x, the slow axis"]),
+        (Instrument("confocal"), ["Spectrum along x", "Spectrum along y"]),
+    ],
+)
+def test_the_fast_axis_comes_first(maps, instrument, titles):
+    assert [one.title for one in pictures_of_spectra(with_spectra(maps[1], instrument))] == titles
 
 
 @pytest.mark.slow

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
+from dlwpredict.infer.baseline import inliers
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.noises import white
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import LEVELLING, SHIFTS
-from dlwpredict.infer.recording import Recording, without_spikes
+from dlwpredict.infer.recording import Recording
 from dlwpredict.infer.whitened import Whitened
 
 QUIET_UM = 1e-3
@@ -40,19 +41,19 @@ def simplex(
     free : Free
     work : Work
     spikes : bool
-        Leave out lone points that stand out of the residual, and fit again.
+        Leave out what stands out of the residual, lone points and scars of a scan, and fit again.
 
     Returns
     -------
     tuple of Recording
-        Without their spikes.
+        Without their spikes and scars.
     Fit
         With derivatives.
     """
     objective = _plain(recordings, work)
     best = _restarted(objective, objective.at(free, free.start))
     if spikes:
-        recordings = [without_spikes(r, left) for r, left in zip(recordings, best.residuals_um(), strict=True)]
+        recordings = inliers(best)
         objective = _plain(recordings, work)
         best = _restarted(objective, objective.at(free, best.vector))
     return tuple(recordings), objective.differentiated(best)

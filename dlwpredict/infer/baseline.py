@@ -14,7 +14,7 @@ from dlwpredict.infer.free import Free
 from dlwpredict.infer.noises import scale_um, white
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import Prior, rows
-from dlwpredict.infer.recording import Recording, coarser, without_spikes
+from dlwpredict.infer.recording import Recording, coarser, without_outliers
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import ParameterSet
@@ -44,12 +44,12 @@ def rough(
     known : mapping of str to Prior
     work : Work
     spikes : bool
-        Leave out lone points that stand out of the residual.
+        Leave out what stands out of the residual: lone points, and scars of a scan.
 
     Returns
     -------
     tuple of Recording
-        Without their spikes.
+        Without their spikes and scars.
     Fit
         With derivatives.
     """
@@ -66,11 +66,17 @@ def rough(
         work.predictions += coarse_work.predictions / factor**2
     fit = _white(recordings, sigmas, start, free, known, work)
     if spikes:
-        kept = [without_spikes(r, residual) for r, residual in zip(recordings, fit.residuals_um(), strict=True)]
+        kept = inliers(fit)
         if any(a.points != b.points for a, b in zip(recordings, kept, strict=True)):
             recordings = kept
     objective = Objective(_whitened(recordings, _left(fit)), known, work)
     return tuple(recordings), descend(objective, rewhitened(fit, objective), gain=GAIN * objective.rows.data)
+
+
+def inliers(fit: Fit) -> list[Recording]:
+    """Return the recordings of a fit without spikes and scars, judged by what it leaves of them."""
+    pairs = enumerate(zip(fit.data, fit.residuals_um(), strict=True))
+    return [without_outliers(item.recording, residual, fit.predicted_um(k)) for k, (item, residual) in pairs]
 
 
 def unsaid(start: ParameterSet) -> ParameterSet:

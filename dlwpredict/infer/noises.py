@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from dlwpredict.effects.plane import nearest
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.recording import Recording
+from dlwpredict.infer.recording import Recording, without_outliers
+from dlwpredict.infer.whitened import gradient
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate, estimate
 from dlwpredict.noise.unevenness import Ground, Uneven
@@ -48,9 +51,12 @@ def noises(
     for k, (recording, residual, design) in enumerate(zip(recordings, residuals_um, designs, strict=True)):
         used, source = recording.used, "residual"
         if others := (repeats or [()] * len(recordings))[k]:
+            surface = nearest(np.where(used, recording.measured.heights_um - residual, 0.0), used)
             difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
-            used, source = used & np.isfinite(difference), "repeats"
-            residual, design = np.where(used, difference, 0.0), plane(recording.target)
+            both = replace(recording, used=used & np.isfinite(difference))
+            both = without_outliers(both, np.where(both.used, difference, 0.0), surface)
+            used, source = both.used, "repeats"
+            residual, design = np.where(used, difference, 0.0), between_repeats(surface, recording.target)
         pitch = recording.target.dx_um, recording.target.dy_um
         slope = slopes[k] if slopes else 0.0
         ground = Ground(slope, recording.scanned_axes)
@@ -62,6 +68,16 @@ def plane(grid: HeightMap) -> np.ndarray:
     """Return offset and tilts, what any recording may have besides noise, shape (3, rows, cols)."""
     x, y = np.broadcast_to(grid.x_um, grid.shape), np.broadcast_to(grid.y_um[:, None], grid.shape)
     return np.stack([np.ones(grid.shape), x / grid.size_um[0], y / grid.size_um[1]])
+
+
+def between_repeats(surface_um: np.ndarray, grid: HeightMap) -> np.ndarray:
+    """Return what two recordings of a print differ by besides noise: levelling, and where they were laid.
+
+    A shift is ∂f/∂x and ∂f/∂y of the surface f, shape (5, rows, cols). Trace and retrace of a scan differ so as well: a
+    height misread by the slope with its sign, as a feedback that lags does, is a shift.
+    """
+    slopes = gradient(surface_um, grid.dx_um, 1), gradient(surface_um, grid.dy_um, 0)
+    return np.concatenate([plane(grid), np.stack(slopes)])
 
 
 def white(recording: Recording, sigma_um: float) -> Uneven:

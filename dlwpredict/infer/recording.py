@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dlwpredict.alignment.scars import suspected_scars
 from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
@@ -32,6 +33,8 @@ class Recording:
         Points that count: measured, not filled, away from walls.
     nuisances : tuple of str
         What is free about it, of `priors.NUISANCES`: all else is trusted.
+    scars : int
+        Lines of the scan that were left out, in whole or in part.
     """
 
     name: str
@@ -39,6 +42,7 @@ class Recording:
     measured: HeightMap
     used: np.ndarray = field(repr=False)
     nuisances: tuple[str, ...] = ()
+    scars: int = 0
 
     @property
     def heights_um(self) -> np.ndarray:
@@ -49,6 +53,11 @@ class Recording:
     def points(self) -> int:
         """Number of used points."""
         return int(self.used.sum())
+
+    @property
+    def scans(self) -> bool:
+        """Whether it is known to be scanned line by line, and in which direction."""
+        return self.measured.instrument.fast_axis_deg is not None
 
     @property
     def scanned_axes(self) -> tuple[int, ...]:
@@ -140,9 +149,23 @@ def check_points(recordings: Sequence[Recording]) -> None:
         )
 
 
-def without_spikes(recording: Recording, residual_um: np.ndarray) -> Recording:
-    """Return the recording without lone points that stand out of a residual (rows, cols), 0 where none counts."""
-    return replace(recording, used=recording.used & ~suspected_spikes(residual_um, recording.used))
+def without_outliers(recording: Recording, residual_um: np.ndarray, predicted_um: np.ndarray) -> Recording:
+    """Return the recording without what stands out of its residual: lone points, and scars where it is a scan.
+
+    Parameters
+    ----------
+    recording : Recording
+    residual_um : numpy.ndarray, shape (rows, cols)
+        Recording − prediction, 0 where a point does not count.
+    predicted_um : numpy.ndarray, shape (rows, cols)
+        Where the prediction bends from line to line, so may its misfit.
+    """
+    used, count = recording.used, 0
+    if recording.scans:
+        (axis,) = recording.scanned_axes
+        scars = suspected_scars(residual_um, used, predicted_um, axis)
+        used, count = used & ~scars, int(scars.any(axis=1 - axis).sum())
+    return replace(recording, used=used & ~suspected_spikes(residual_um, used), scars=count)
 
 
 def coarser(recording: Recording, factor: int) -> Recording:

@@ -10,6 +10,7 @@ from typing import Any
 from dlwpredict.files.atomic import write_text
 from dlwpredict.pages import words
 from dlwpredict.pages.pictures import LARGEST_MAP, MOST_PIXELS, PairMaps, coarser, pictures
+from dlwpredict.pages.spectra import spectra
 from dlwpredict.pages.templates import template
 
 __all__ = ["Evidence", "PairMaps", "write_page"]
@@ -65,7 +66,7 @@ def write_page(
     path : pathlib.Path
     content : dict
         As written to diagnosis.yaml. Also shown where present: ``sentence``; ``noise_from``; ``noise``, a list of
-        {white_um, correlated_um, length_um, ...}, one per recording; ``holdout_by``, how data were left out;
+        {white_um, correlated_um, length_um, scars, ...}, one per recording; ``holdout_by``, how data were left out;
         ``tests``, a list of {name, p_value, statement}; ``alternatives`` of a finding, a list of {name, loss}.
     maps : sequence of PairMaps
         In the order of the pairs.
@@ -129,7 +130,8 @@ def _pair(index: int, pair: PairMaps, content: dict, pairs: int) -> dict[str, An
     named = bool(content["findings"])
     maps, profiles = pictures(pair, places, noise_um=content["noise_um"], pixels=pixels, named=named)
     shown = coarser(pair.target, pair.residual_um, pixels).shape
-    return {"name": pair.name, "shape": pair.target.shape, "shown": shown, "maps": maps, "profiles": profiles}
+    figures = {"maps": maps, "profiles": profiles, "spectra": spectra(pair)}
+    return {"name": pair.name, "shape": pair.target.shape, "shown": shown, **figures}
 
 
 def _numbers(locations: Sequence[Mapping[str, Any]], maps: Sequence[PairMaps]) -> list[int | None]:

@@ -16,6 +16,7 @@ from matplotlib.patches import Rectangle
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.noise.spectrum import Spectrum
 from dlwpredict.plots import drawn
 from dlwpredict.plots.panels import (
     CERTAINTY_COLOURS,
@@ -60,6 +61,8 @@ class PairMaps:
         Recording − baseline prediction; what named effects add; recording − extended prediction. NaN: does not count.
     mismatch : numpy.ndarray
         0 to 1: how surely this place differs beyond noise.
+    spectra : pair of Spectrum, optional
+        Of the remainder, along x and y.
     """
 
     name: str
@@ -71,6 +74,7 @@ class PairMaps:
     explained_um: np.ndarray
     remainder_um: np.ndarray
     mismatch: np.ndarray
+    spectra: tuple[Spectrum, Spectrum] | None = None
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ NEEDS: dict[str, dict[str, str]] = {
         "findings[].alternatives?[].name": TEXT,
         "findings[].alternatives?[].loss": NUMBER,
         "sentence?": TEXT,
+        "noise?[].scars?": NUMBER,
         "complete?": FLAG,
         "not_tried?[]": TEXT,
         "work?.predictions?": NUMBER,

@@ -25,7 +25,7 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     said = _wrapped(f"{content['verdict'].upper()}: {words.sentence(content)}", most=2)
     said += _wrapped(
         f"rmse {_change(content, 'rmse_um')}, {words.left_out(_errors(content, 'holdout_rmse_um'))}; "
-        f"noise {words.length(content['noise_um'])}",
+        f"noise {words.length(content['noise_um'])}{_scars(content)}",
         most=2,
     )
     for number, finding in enumerate(content["findings"][:MOST_FINDINGS], start=1):
@@ -39,6 +39,12 @@ def lines(content: Mapping[str, Any]) -> list[str]:
     said += _wrapped(f"remainder: {state} ({size}). {remainder['description'] or ''}", most=2)
     said += _progress(content)
     return said + _listed("not testable: ", content["not_testable"], most=1 if "complete" in content else 2)
+
+
+def _scars(content: Mapping[str, Any]) -> str:
+    """Return how many lines of the scans were left out, if any."""
+    count = sum(one.get("scars") or 0 for one in content.get("noise") or [])
+    return f"; {count} line{'s' if count > 1 else ''} of the scan left out for scars" if count else ""
 
 
 def _progress(content: Mapping[str, Any]) -> list[str]:
