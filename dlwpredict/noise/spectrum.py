@@ -54,7 +54,7 @@ def spectra(
     >>> white = Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))
     >>> along_x, _ = spectra(np.zeros((8, 64)), np.ones((8, 64), dtype=bool), white)
     >>> (along_x.model_um3 / (2 * 0.01**2 * 0.5)).round(3).tolist()[::5]  # 2σ²·dx at all frequencies
-    [1.0, 1.0, 1.0]
+    [1.0, 1.0, 1.0, 1.0]
     """
     scale = np.broadcast_to(noise.scale(slope), used.shape)
     even = replace(noise.even, dx_um=noise.even.dy_um, dy_um=noise.even.dx_um)
