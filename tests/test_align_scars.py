@@ -78,7 +78,7 @@ def test_an_edge_of_the_print_along_a_row_is_no_scar(kind, blur):
 
 
 def test_a_line_of_misfit_that_the_prints_own_edge_may_leave_is_no_scar():
-    """A step of 0.4 µm over two rows, one row of which came out 0.12 µm too high: a shift by less than a row does it."""
+    """A step of 0.4 µm over two rows, one of which came out 0.12 µm too high: a shift by less than a row does it."""
     heights, surface = residual(), FLAT.copy()
     heights[30] += 0.12
     surface[30], surface[31:] = 0.05, 0.4
