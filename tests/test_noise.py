@@ -5,7 +5,8 @@ import pytest
 
 from dlwpredict.alignment.pose import Pose
 from dlwpredict.alignment.resample import prepared, resample
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
+from dlwpredict.infer.recording import prepare
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
 from dlwpredict.noise.estimate import estimate
 from dlwpredict.noise.likelihood import model_at
@@ -186,6 +187,35 @@ class TestLines:
 
     def test_where_the_scan_runs_along_columns_rows_are_no_lines_of_it(self):
         assert self.estimated(Lines(0.004), 0, axes=(1,)).row_um == 0
+
+    def test_columns_of_a_scan_along_columns_are_no_structure(self):
+        columns = Uneven(self.EVEN, columns=Lines(0.006)).simulate((60, 50), np.random.default_rng(0))
+        level, used = np.ones((1, 60, 50)), np.ones((60, 50), dtype=bool)
+        unknown, known = (
+            estimate(columns, used, (0.3, 0.3), level, ground=Ground(axes=axes), seed=1) for axes in ((0, 1), (1,))
+        )
+        assert unknown.columns.p_value < 1e-6 < known.columns.p_value == 1
+        assert unknown.model.column_um == pytest.approx(known.model.column_um, rel=0.2)
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("fast_deg", [0.4, -25.0, 90.4, 62.0])
+    def test_of_a_scan_that_is_turned_against_the_map_lean(self, fast_deg):
+        """Offsets of 12 nm from line to line of the scan, read between the lines, on noise of 10 nm."""
+        rng, instrument = np.random.default_rng(4), Instrument("afm", fast_deg)
+        grid = HeightMap(np.ones((90, 80)), 0.4, 0.3, instrument=instrument)
+        across = -np.sin(np.deg2rad(fast_deg)) * grid.x_um + np.cos(np.deg2rad(fast_deg)) * grid.y_um[:, None]
+        offsets = np.interp(across, 0.35 * np.arange(-120, 121), 0.012 * rng.standard_normal(241))
+        values = offsets + 0.01 * rng.standard_normal(grid.shape)
+        recording = prepare(grid, grid)
+        ground = Ground(axes=recording.scanned_axes, lean=recording.lean)
+        noise = estimate(values, np.ones(grid.shape, bool), (0.4, 0.3), np.ones((1, *grid.shape)), ground=ground).model
+        lines = noise.columns if recording.scanned_axes == (1,) else noise.rows
+        assert lines.offset_um == pytest.approx(0.012, rel=0.3) and lines.lean == recording.lean
+        assert noise.even.sigma_um == pytest.approx(0.01, rel=0.1)
+        white = Whitener.of(np.ones(grid.shape, dtype=bool), noise) @ values.ravel()
+        assert white.std() == pytest.approx(1, abs=0.06)
+        again = noise.simulate(grid.shape, rng)
+        assert again.std() == pytest.approx(values.std(), rel=0.12)
 
     def test_draws_have_the_covariance_that_they_say(self):
         drawn = ROWS.simulate(5, 3, np.random.default_rng(0), 20000)

@@ -59,7 +59,7 @@ def noises(
             residual, design = np.where(used, difference, 0.0), between_repeats(surface, recording.target)
         pitch = recording.target.dx_um, recording.target.dy_um
         slope = slopes[k] if slopes else 0.0
-        ground = Ground(slope, recording.scanned_axes)
+        ground = Ground(slope, recording.scanned_axes, recording.lean)
         jobs.append((residual, used, pitch, design, ground, source, seed + k))
     return workers.each(_noise, jobs)
 

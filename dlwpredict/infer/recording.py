@@ -65,6 +65,18 @@ class Recording:
         fast = self.measured.instrument.fast_axis_deg
         return (0, 1) if fast is None else (int(abs(np.cos(np.deg2rad(fast))) < np.sqrt(0.5)),)
 
+    @property
+    def lean(self) -> float:
+        """Lines of the scan that a row, or a column where it runs along columns, crosses per pixel; 0 if not known.
+
+        A line along θ has the same row + tan θ·(dx/dy)·column, rows counted downwards.
+        """
+        fast = self.measured.instrument.fast_axis_deg
+        if fast is None:
+            return 0.0
+        across, up = np.cos(np.deg2rad(fast)) * self.target.dy_um, np.sin(np.deg2rad(fast)) * self.target.dx_um
+        return float(up / across if self.scanned_axes == (0,) else across / up)
+
     def on_map(self, values: np.ndarray) -> np.ndarray:
         """Return values at the used points as a map, 0 elsewhere, shape (..., rows, cols)."""
         maps = np.zeros((*values.shape[:-1], *self.used.shape))

@@ -18,10 +18,10 @@ from scipy import ndimage
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES, most_likely
 from dlwpredict.noise.likelihood import Likelihood, model_at
-from dlwpredict.noise.lines import Lines
+from dlwpredict.noise.lines import OFFSET, TILT, Lines, on_lines
 from dlwpredict.noise.replicas import repeated
-from dlwpredict.noise.unevenness import OFFSET, TILT, Evened, Ground, Seen, Uneven, Unevenness
-from dlwpredict.noise.whitening import Neighbourhood, lines
+from dlwpredict.noise.unevenness import Evened, Ground, Seen, Uneven, Unevenness
+from dlwpredict.noise.whitening import Neighbourhood
 
 DISCREPANCY_UM = 0.0015
 """Numerical difference between two honest computations of the same physics; no noise is taken to be smaller."""
@@ -60,7 +60,7 @@ class NoiseEstimate:
     source : str
         What it was estimated from: "repeats" or "residual".
     columns : Unevenness
-        How sure offsets of whole columns are.
+        How sure offsets of whole columns are, of a scan that is not known to run along them.
     """
 
     model: Uneven
@@ -110,7 +110,8 @@ def estimate(
     draw = np.random.default_rng(seed)
     every = Neighbourhood.of(used, *pitch_um, near_px=NEAR_PX, far_px=FAR_PX)
     y, design = values_um[used], smooth[:, used].T
-    members = {(axis, order): lines(used, axis, order) for axis in ground.axes for order in (OFFSET, TILT)}
+    ways = [(axis, order) for axis in ground.axes for order in (OFFSET, TILT)]
+    members = {(axis, order): on_lines(used, axis, order, ground.lean) for axis, order in ways}
     even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used])
     some = _some(every.own, SEARCHED_POINTS, draw)
     start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
@@ -127,8 +128,9 @@ def estimate(
     model = _floored(model_at(model, place))
     near, none = every.whitener(model), (Lines(), Unevenness(0.0, 0.0))
     (rows, _), (columns, surely) = (even.line_noise(near, axis) if axis in ground.axes else none for axis in (0, 1))
-    uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows, columns)
-    return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely)
+    leaning = (replace(lines, lean=ground.lean) for lines in (rows, columns))
+    uneven = Uneven(model, even.growth * model.sigma_um, even.power, *leaning)
+    return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely if 0 in ground.axes else none[1])
 
 
 def _searched(

@@ -9,7 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, optimize, special
+from scipy import linalg, optimize, sparse, special
+
+OFFSET, TILT = 0, 1
+"""What is constant along a line, and what is odd: powers of the place on it."""
 
 LEVEL = 0.01
 """Probability that even noise is called uneven, each way of being so."""
@@ -48,6 +51,8 @@ class Lines:
         T, lines.
     tilt_um : float
         Standard deviation of the tilts: of the height at either end of a line, µm.
+    lean : float
+        Lines that the map's row (or column) crosses per pixel, where the scan is turned against the map.
 
     Examples
     --------
@@ -64,6 +69,7 @@ class Lines:
     hum_lines: float = 1.0
     period_lines: float = 4.0
     tilt_um: float = 0.0
+    lean: float = 0.0
 
     @property
     def offset_um(self) -> float:
@@ -83,11 +89,40 @@ class Lines:
         matrix = self.covariance(count)
         return np.linalg.cholesky(matrix + 1e-9 * max(matrix[0, 0], 1e-300) * np.eye(count))
 
-    def simulate(self, count: int, length: int, rng: np.random.Generator, draws: int) -> np.ndarray:
-        """Draw offsets and tilts of lines of so many points, µm, shape (draws, count, length)."""
-        offsets = rng.standard_normal((draws, count)) @ self.root(count).T
-        tilts = self.tilt_um * rng.standard_normal((draws, count))
-        return offsets[:, :, None] + tilts[:, :, None] * np.linspace(-1, 1, length)
+    def simulate(self, rows: int, cols: int, rng: np.random.Generator, draws: int) -> np.ndarray:
+        """Draw offsets and tilts of lines that are rows, or lean against them, µm, shape (draws, rows, cols)."""
+        whole = np.ones((rows, cols), dtype=bool)
+        offset, tilt = (on_lines(whole, 0, order, self.lean) for order in (OFFSET, TILT))
+        count = offset.shape[1]
+        drawn = offset @ (self.root(count) @ rng.standard_normal((count, draws)))
+        if self.tilt_um:
+            drawn += tilt @ (self.tilt_um * rng.standard_normal((count, draws)))
+        return drawn.T.reshape(draws, rows, cols)
+
+
+def on_lines(used: np.ndarray, axis: int, order: int = OFFSET, lean: float = 0.0) -> sparse.csr_array:
+    """Return what each line of a scan has at the measured points of a map, shape (points, lines).
+
+    1 for an offset; the place along the line, from −1 to 1 over the map, for a tilt. Where lines lean against the rows
+    (axis 0) or columns (axis 1), a point between two lines has its share of either, as it was read between them.
+
+    Examples
+    --------
+    >>> on_lines(np.ones((2, 3), dtype=bool), 0, lean=0.25).toarray()[:3].round(2).tolist()
+    [[0.25, 0.75, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.75, 0.25, 0.0]]
+    """
+    line, place = np.nonzero(used)[axis], np.nonzero(used)[1 - axis]
+    half = (used.shape[1 - axis] - 1) / 2
+    beyond = int(np.ceil(abs(lean) * half))
+    across = line + beyond + lean * (place - half)
+    below = np.floor(across).astype(int)
+    values, share = np.linspace(-1, 1, used.shape[1 - axis])[place] ** order, across - below
+    point, count = np.arange(len(line)), used.shape[axis] + 2 * beyond
+    if not lean:
+        return sparse.csr_array((values, (point, below)), shape=(len(line), count))
+    entries = np.append(values * (1 - share), values * share)
+    places = np.append(point, point), np.minimum(np.append(below, below + 1), count - 1)
+    return sparse.csr_array((entries, places), shape=(len(line), count))
 
 
 def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float) -> Lines:

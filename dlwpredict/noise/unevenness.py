@@ -10,13 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import optimize, sparse, special
+from scipy import linalg, optimize, sparse, special
 
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.lines import LEVEL, Lines, likeliest
-
-OFFSET, TILT = 0, 1
-"""What is constant along a line, and what is odd: powers of the place on it."""
+from dlwpredict.noise.lines import LEVEL, OFFSET, TILT, Lines, likeliest
 
 Way = tuple[int, int]
 """One way of being uneven by lines: of rows (0) or of columns (1), and `OFFSET` or `TILT`."""
@@ -41,10 +38,13 @@ class Ground:
         |∇f| of the surface.
     axes : tuple of int
         Whether lines of the scan may be rows (0), or columns (1).
+    lean : float
+        Lines that a row, or a column, crosses per pixel, where it is known how the scan is turned against the map.
     """
 
     slope: np.ndarray | float = 0.0
     axes: tuple[int, ...] = (0, 1)
+    lean: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,8 @@ class Uneven:
 
     ε(x, y)·(1 + (jitter·|∇f|/σ)^p)^(1/p) + u(y) + v(x): a lateral jitter becomes height where the surface f is steep
     (in quadrature, p = 2, where it is independent of ε), and scanning instruments give every line that they scan an
-    offset and a tilt of its own. A scan that is turned by more than a line's width against the map has none of these.
+    offset and a tilt of its own. Lines lean where a scan is known to be turned against the map; where that is not
+    known, they are rows or columns.
 
     Parameters
     ----------
@@ -200,8 +201,10 @@ class Evened:
         """Return values (points, columns), divided already, without what the uneven lines may have of them."""
         for way in self.ways * len(self.ways):
             lines = self.lines(way)
-            sizes = np.maximum(lines.power(2).sum(axis=0), 1e-300)
-            values = values - lines @ ((lines.T @ values) / np.reshape(sizes, (-1, 1)))
+            products = lines.T @ lines  # a point lies on one line, or between two
+            own = products.diagonal()
+            bands = np.stack([np.append(0.0, products.diagonal(1)), own + 1e-9 * own.max(initial=1e-300)])
+            values = values - lines @ linalg.solveh_banded(bands, lines.T @ values)
         return values
 
     def lines(self, way: Way) -> sparse.csr_array:

@@ -21,8 +21,13 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.lines import Lines  # noqa: F401  (the doctest's)
-from dlwpredict.noise.unevenness import OFFSET, TILT, Uneven
+from dlwpredict.noise.lines import (
+    OFFSET,
+    TILT,
+    Lines,  # noqa: F401  (the doctest's)
+    on_lines,
+)
+from dlwpredict.noise.unevenness import Uneven
 
 NEAR_PX, FAR_PX = 3, (5, 8, 13, 21)
 """Neighbours are all predecessors up to the first distance (rows and columns), and some at the further ones: at most 64
@@ -136,16 +141,6 @@ class Neighbourhood:
         return sparse.csr_array((entries[place][filled], columns, ends), shape=(len(place), len(place)))
 
 
-def lines(used: np.ndarray, axis: int, order: int = OFFSET) -> sparse.csr_array:
-    """Return what each row (axis 0) or column (axis 1) of a map has at its measured points, shape (points, lines).
-
-    1 for an offset; the place along the line, from −1 to 1 over the map, for a tilt.
-    """
-    line, place = np.nonzero(used)[axis], np.nonzero(used)[1 - axis]
-    values = np.linspace(-1, 1, used.shape[1 - axis])[place] ** order
-    return sparse.csr_array((values, (np.arange(len(line)), line)), shape=(len(line), used.shape[axis]))
-
-
 @dataclass(frozen=True, eq=False)
 class Whitener:
     """What turns values at the measured points of a map into independent ones of variance 1.
@@ -183,8 +178,8 @@ class Whitener:
         for axis, process in enumerate((noise.rows, noise.columns)):
             for order, size in ((OFFSET, process.offset_um), (TILT, process.tilt_um)):
                 if size > 0:
-                    count = used.shape[axis]
-                    parts.append(lines(used, axis, order))
+                    parts.append(on_lines(used, axis, order, process.lean))
+                    count = parts[-1].shape[1]
                     roots.append(process.root(count) if order == OFFSET else size * np.eye(count))
         if not parts:
             return cls(near, sparse.csr_array((near.shape[0], 1)), np.zeros((1, 1)), np.zeros((1, 1)))
