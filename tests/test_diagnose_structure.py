@@ -17,7 +17,7 @@ from dlwpredict.diagnosis.structure.places import WHERE, _box, locate
 from dlwpredict.diagnosis.structure.ripple import Ripple, ripple
 from dlwpredict.diagnosis.structure.spots import Bumps, Spot, mismatch, spot
 from dlwpredict.diagnosis.structure.test import SINGLE, WAYS, Model
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Nuisances
@@ -36,7 +36,7 @@ PADS = (4, 14, 4, 24), (4, 14, 30, 36), (20, 26, 6, 14), (20, 44, 18, 40), (32, 
 
 def white_item(grid=GRID):
     """Return a recording in which noise is white already, of `SIGMA_UM`."""
-    recording = SimpleNamespace(used=np.ones(grid.shape, bool), target=grid, points=grid.heights_um.size)
+    recording = SimpleNamespace(used=np.ones(grid.shape, bool), target=grid, measured=grid, points=grid.heights_um.size)
     whitener = SimpleNamespace(transposed=lambda values: values / SIGMA_UM, solve=lambda white: white * SIGMA_UM)
     return SimpleNamespace(recording=recording, whitener=whitener)
 
@@ -82,6 +82,16 @@ class TestRipple:
         assert found.period_um == pytest.approx(4.0, abs=0.4)
         assert found.angle_deg == pytest.approx(30, abs=6)
         assert found.excess == pytest.approx(0.3**2 / 4 * 4200, rel=0.35)
+
+    @pytest.mark.parametrize(
+        ("fast_deg", "said"), [(None, True), (0.0, False), (90.0, True), (1.0, False), (30.0, True)]
+    )
+    def test_waves_across_the_lines_of_a_known_scan_are_not_looked_at(self, item, null, noise, fast_deg, said):
+        scanned = replace(GRID, instrument=Instrument("afm", fast_deg))
+        seen = SimpleNamespace(recording=SimpleNamespace(**(vars(item.recording) | {"measured": scanned})))
+        seen.whitener = item.whitener
+        waves = 0.3 * np.cos(2 * np.pi / 4 * GRID.y_um[:, None]) * np.ones(GRID.shape)
+        assert (ripple(*with_draws(noise + waves.ravel(), seen, null)).p_value < 1e-6) == said
 
     def test_waves_are_a_place_of_the_mismatch_over_the_whole_map(self, item, null, noise):
         waves = 0.3 * np.cos(2 * np.pi / 4 * GRID.x_um) * np.ones(GRID.shape)

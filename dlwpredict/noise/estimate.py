@@ -112,7 +112,7 @@ def estimate(
     y, design = values_um[used], smooth[:, used].T
     ways = [(axis, order) for axis in ground.axes for order in (OFFSET, TILT)]
     members = {(axis, order): on_lines(used, axis, order, ground.lean) for axis, order in ways}
-    even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used])
+    even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used], lean=ground.lean)
     some = _some(every.own, SEARCHED_POINTS, draw)
     start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
     seen, model, place = _searched(even, every, some, start, *kinds)
@@ -128,8 +128,7 @@ def estimate(
     model = _floored(model_at(model, place))
     near, none = every.whitener(model), (Lines(), Unevenness(0.0, 0.0))
     (rows, _), (columns, surely) = (even.line_noise(near, axis) if axis in ground.axes else none for axis in (0, 1))
-    leaning = (replace(lines, lean=ground.lean) for lines in (rows, columns))
-    uneven = Uneven(model, even.growth * model.sigma_um, even.power, *leaning)
+    uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows, columns)
     return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely if 0 in ground.axes else none[1])
 
 

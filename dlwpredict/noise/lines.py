@@ -27,6 +27,9 @@ HUM_PERIODS = 2.0, 40.0
 HUM_LINES = 3.0, 300.0
 """Lines after which a hum has lost its phase by 1/e, that are looked for."""
 
+HALF = 0.5
+"""Distance, in lines, of the offsets of lines that lean: a swing of two or three lines is read to a tenth then."""
+
 SMALLEST = 1e-4
 """Part of the variance of the offsets below which a part is none."""
 
@@ -52,7 +55,8 @@ class Lines:
     tilt_um : float
         Standard deviation of the tilts: of the height at either end of a line, µm.
     lean : float
-        Lines that the map's row (or column) crosses per pixel, where the scan is turned against the map.
+        Lines that the map's row (or column) crosses per pixel, where the scan is turned against the map. Offsets are
+        then known at every half line, for points lie anywhere between two lines.
 
     Examples
     --------
@@ -72,13 +76,18 @@ class Lines:
     lean: float = 0.0
 
     @property
+    def spacing(self) -> float:
+        """Distance of the offsets, lines."""
+        return HALF if self.lean else 1.0
+
+    @property
     def offset_um(self) -> float:
         """Standard deviation of an offset, µm."""
         return float(np.sqrt(self.white_um**2 + self.red_um**2 + self.hum_um**2))
 
     def covariance(self, count: int) -> np.ndarray:
-        """Return the covariance of the offsets of successive lines, µm², shape (count, count)."""
-        lag = np.arange(count)
+        """Return the covariance of successive offsets, µm², shape (count, count)."""
+        lag = self.spacing * np.arange(count)
         swing = np.exp(-lag / self.hum_lines) * np.cos(2 * np.pi * lag / self.period_lines)
         covariances = self.red_um**2 * np.exp(-lag / self.red_lines) + self.hum_um**2 * swing
         covariances[0] += self.white_um**2
@@ -104,28 +113,31 @@ def on_lines(used: np.ndarray, axis: int, order: int = OFFSET, lean: float = 0.0
     """Return what each line of a scan has at the measured points of a map, shape (points, lines).
 
     1 for an offset; the place along the line, from −1 to 1 over the map, for a tilt. Where lines lean against the rows
-    (axis 0) or columns (axis 1), a point between two lines has its share of either, as it was read between them.
+    (axis 0) or columns (axis 1), a point between two offsets, half a line apart, has its share of either.
 
     Examples
     --------
-    >>> on_lines(np.ones((2, 3), dtype=bool), 0, lean=0.25).toarray()[:3].round(2).tolist()
-    [[0.25, 0.75, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.75, 0.25, 0.0]]
+    >>> on_lines(np.ones((2, 3), dtype=bool), 0, lean=0.4).toarray()[:3].round(2).tolist()
+    [[0.0, 0.8, 0.2, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.2, 0.8, 0.0, 0.0, 0.0]]
     """
     line, place = np.nonzero(used)[axis], np.nonzero(used)[1 - axis]
     half = (used.shape[1 - axis] - 1) / 2
     beyond = int(np.ceil(abs(lean) * half))
-    across = line + beyond + lean * (place - half)
-    below = np.floor(across).astype(int)
-    values, share = np.linspace(-1, 1, used.shape[1 - axis])[place] ** order, across - below
-    point, count = np.arange(len(line)), used.shape[axis] + 2 * beyond
+    values, point = np.linspace(-1, 1, used.shape[1 - axis])[place] ** order, np.arange(len(line))
     if not lean:
-        return sparse.csr_array((values, (point, below)), shape=(len(line), count))
+        return sparse.csr_array((values, (point, line)), shape=(len(line), used.shape[axis]))
+    across, count = (
+        (line + beyond + lean * (place - half)) / HALF,
+        round((used.shape[axis] - 1 + 2 * beyond) / HALF) + 1,
+    )
+    below = np.floor(across).astype(int)
+    share = across - below
     entries = np.append(values * (1 - share), values * share)
     places = np.append(point, point), np.minimum(np.append(below, below + 1), count - 1)
     return sparse.csr_array((entries, places), shape=(len(line), count))
 
 
-def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float) -> Lines:
+def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float, lean: float = 0.0) -> Lines:
     """Return the most likely process of offsets that are known to be there: drift and hum where more than chance.
 
     With G = AᵀA and c = Aᵀw of whitened values w and lines A, both beside all else, and K the covariance:
@@ -139,8 +151,10 @@ def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float) -> Lines
         c, 1/µm.
     white_um : float
         The most likely standard deviation of independent offsets.
+    lean : float
+        Of the lines.
     """
-    known = Lines(white_um)
+    known = Lines(white_um, lean=lean)
     gain = _gain(known, energies, along)
     half = white_um / np.sqrt(2)
     with_drift, better = _climbed(replace(known, white_um=half, red_um=half, red_lines=4.0), energies, along)
@@ -194,8 +208,8 @@ def _strongest_period(lines: Lines, energies: np.ndarray, along: np.ndarray) -> 
     periods = 1 / np.linspace(1 / HUM_PERIODS[1], 1 / HUM_PERIODS[0], 2 * count)
     gains = []
     for period in periods:
-        phase = 2 * np.pi * np.arange(count) / period
+        phase = 2 * np.pi * lines.spacing * np.arange(count) / period
         waves = np.column_stack([np.cos(phase), np.sin(phase)])
         seen = waves.T @ left
         gains.append(seen @ np.linalg.pinv(waves.T @ precision @ waves, hermitian=True) @ seen)
-    return float(periods[int(np.argmax(gains))]), count / 2
+    return float(periods[int(np.argmax(gains))]), lines.spacing * count / 2

@@ -176,6 +176,8 @@ class Evened:
         divided by it.
     ways : tuple of Way
         Means or tilts of rows or columns beside which everything is looked at.
+    lean : float
+        Of the lines.
     """
 
     values_um: np.ndarray
@@ -185,6 +187,7 @@ class Evened:
     growth: float = 0.0
     power: float = 2.0
     ways: tuple[Way, ...] = ()
+    lean: float = 0.0
 
     @property
     def scale(self) -> np.ndarray:
@@ -224,7 +227,7 @@ class Evened:
         independent = offsets.lines((axis, OFFSET))
         if not independent.found:
             return Lines(), independent
-        process = likeliest(*offsets.products((axis, OFFSET)), independent.found)
+        process = likeliest(*offsets.products((axis, OFFSET)), independent.found, self.lean)
         if (axis, TILT) in self.ways:
             tilts = replace(self, ways=others[axis, TILT]).seen(near).lines((axis, TILT))
             process = replace(process, tilt_um=tilts.found)

@@ -9,6 +9,10 @@ from scipy import fft
 
 from dlwpredict.diagnosis.structure.largest import LARGEST_OF, p_of_largest
 from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.recording import Recording
+
+ALONG_LINES = 2.0
+"""Periods along the lines of a scan up to which a wave lies across them: offsets and tilts of lines have no more."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,8 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     """Test the largest ordinate of the periodogram (Fisher 1929) of every whitened residual.
 
     Ordinates are divided by what the null's draws have there on average, those of a draw by what the others have: by an
-    average with itself in it, it would seem smaller than a residual.
+    average with itself in it, it would seem smaller than a residual. Waves across the lines of a known scan are not
+    looked at: lines have offsets of their own, and what an alignment has read between them is no wave of a print.
 
     Parameters
     ----------
@@ -54,16 +59,28 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     ripples = []
     for k, item in enumerate(fitted.data):
         used, grid, rows = item.recording.used, item.recording.target, fitted.rows.of(k)
+        fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um), fft.rfftfreq(used.shape[1], grid.dx_um)
+        seen = ~across_lines(item.recording, fx, fy[:, None])
         powers = np.stack([_periodogram(draw, used) for draw in draws[rows, :LARGEST_OF].T])
         whole, others = powers.sum(axis=0), len(powers) - 1
-        largest = (others * powers / (whole - powers)).max(axis=(1, 2))
-        power = _periodogram(fitted.residual[rows], used) / powers.mean(axis=0)
+        largest = np.where(seen, others * powers / (whole - powers), 0.0).max(axis=(1, 2))
+        power = np.where(seen, _periodogram(fitted.residual[rows], used) / powers.mean(axis=0), 0.0)
         row, col = np.unravel_index(np.argmax(power), power.shape)
-        fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um)[row], fft.rfftfreq(used.shape[1], grid.dx_um)[col]
+        fy, fx = fy[row], fx[col]
         p_value = p_of_largest(power[row, col], largest, of=len(fitted.data))
         angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
         ripples.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
     return min(ripples, key=lambda wave: wave.p_value)
+
+
+def across_lines(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
+    """Tell which waves (1/µm along x and y) lie across the lines of a scan; none where it is not known to be one."""
+    fast = recording.measured.instrument.fast_axis_deg
+    if fast is None:
+        return np.zeros(np.broadcast_shapes(fx.shape, fy.shape), dtype=bool)
+    x, y = np.cos(np.deg2rad(fast)), np.sin(np.deg2rad(fast))
+    width, depth = recording.target.size_um
+    return np.abs(fx * x + fy * y) * (abs(x) * width + abs(y) * depth) <= ALONG_LINES
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
