@@ -141,17 +141,18 @@ def test_absorbed_cases_are_twins_on_one_roughness_map_and_on_three_structures()
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("upright", [False, True])
-def test_structures_are_as_large_as_a_bench_prints_them_and_the_one_held_out_is_of_another_kind(seed, upright):
-    given, kept = structures.several(np.random.default_rng(seed), upright=upright)
+def test_structures_are_as_large_as_a_bench_prints_them_or_half_as_large(seed, upright):
+    scale = (structures.HALF, structures.WHOLE)[seed % 2]
+    given, kept = structures.several(np.random.default_rng(seed), scale, upright=upright)
     kinds = [one["kind"] for one in given]
     assert kept["kind"] not in kinds and len(set(kinds)) == len(kinds) in structures.COUNTS
     assert len(kinds) == 1 or all(set(kinds) & set(some) for some in (structures.SMOOTH, structures.STEPPED))
     assert not upright or set(kinds) <= set(structures.UPRIGHT)
     for one in (*given, kept):
         low, high = structures.SIZES_UM.get(one["kind"], structures.OTHERS_UM)
-        for pitch_um in (structures.PITCHES_UM[0], structures.COARSE_UM):
+        for pitch_um in (structures.PITCHES_UM[scale][0], structures.COARSE_UM):
             part = structures.made(one, pitch_um)
-            assert low <= one["size_um"] <= high and part.dx_um == pitch_um
+            assert scale * low <= one["size_um"] <= scale * high and part.dx_um == pitch_um
             assert part.size_um[0] == pytest.approx(one["size_um"] + 2 * structures.MARGIN_UM, abs=2 * pitch_um)
 
 

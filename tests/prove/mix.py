@@ -139,9 +139,10 @@ def draw(seed: int, kind: str, index: int) -> Draw:
         "row_um": float(rng.uniform(*ROW_UM)) if rng.random() < ROW_SHARE else 0.0,
     }
     raw, upright = _raw(rng)
-    several, holdout = structures.several(rng, upright=upright)
+    scale = structures.HALF if (twin + 1) % structures.WHOLE_EVERY else structures.WHOLE
+    several, holdout = structures.several(rng, scale, upright=upright)
     if kind == "absorbed":
-        several, holdout = _with_roughness(rng, upright)
+        several, holdout = _with_roughness(rng, scale, upright)
     given = [one for one in several if one["kind"] == "air"] if alone else several
     hidden, microscope = _hidden(kind, twin, rng)
     least = CLEAR if kind == "pair" and index % 2 == 0 else 0.0
@@ -151,7 +152,7 @@ def draw(seed: int, kind: str, index: int) -> Draw:
     wrong, form_times = _form(kind, twin, rng)
     return Draw(
         kind, index, process, conversion, noise, given, holdout, hidden, times, microscope, several,
-        float(rng.uniform(*structures.PITCHES_UM)), wrong, form_times, spare, least, raw,
+        float(rng.uniform(*structures.PITCHES_UM[scale])), wrong, form_times, spare, least, raw,
     )  # fmt: skip
 
 
@@ -169,10 +170,10 @@ def _raw(rng: np.random.Generator) -> tuple[dict, bool]:
     return ({"pitch_um": pitch_um, "turn_deg": turn_deg}, free) if raw else ({}, False)
 
 
-def _with_roughness(rng: np.random.Generator, upright: bool) -> tuple[list[dict], dict]:
+def _with_roughness(rng: np.random.Generator, scale: float, upright: bool) -> tuple[list[dict], dict]:
     """Draw three structures, a roughness map among them, and one to be held out."""
     while True:
-        several, holdout = structures.several(rng, upright=upright)
+        several, holdout = structures.several(rng, scale, upright=upright)
         if len(several) == max(structures.COUNTS) and any(one["kind"] == "air" for one in several):
             return several, holdout
 

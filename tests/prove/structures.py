@@ -1,4 +1,4 @@
-"""Random structures of the proof, as large and as fine as a bench prints them."""
+"""Random structures of the proof: as large and as fine as a bench prints them, most at half of that size."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import numpy as np
 from dlwpredict import designs
 from dlwpredict.heightmap import HeightMap
 
-PITCHES_UM, MARGIN_UM = (0.2, 0.4), 4.0
+WHOLE, HALF, WHOLE_EVERY = 1.0, 0.5, 5
+"""Every fifth case is as large as on a bench, the others half as large: a sixth of the seconds, and as much to find."""
+
+PITCHES_UM, MARGIN_UM = {WHOLE: (0.2, 0.4), HALF: (0.3, 0.45)}, 4.0
 """Native pitch of the targets of a case, and the bare substrate around the part."""
 
 COARSE_UM = 0.5
@@ -18,7 +21,7 @@ HELD_OUT_UM = 0.4
 
 SIZES_UM = {"cin": (60.0, 80.0), "air": (80.0, 100.0)}
 OTHERS_UM = 40.0, 60.0
-"""Sides of the parts of each kind, and of all other kinds."""
+"""Sides of the parts of each kind, and of all other kinds, where they are whole."""
 
 COUNTS, SHARES = (1, 2, 3), (1 / 6, 1 / 2, 1 / 3)
 """Numbers of structures that a case gives, and the share of the cases with so many."""
@@ -33,13 +36,15 @@ PIXELS, PITCH_UM, MARGIN_PX = 80, 0.45, 8
 """Small maps, as `tests/stories` takes them."""
 
 
-def drawn(kind: str, rng: np.random.Generator) -> dict:
+def drawn(kind: str, rng: np.random.Generator, scale: float = WHOLE) -> dict:
     """Draw the options of a kind; lengths in µm."""
     u = rng.uniform
-    size = u(*SIZES_UM.get(kind, OTHERS_UM))
+    size = scale * u(*SIZES_UM.get(kind, OTHERS_UM))
     count, seed = int(rng.integers(3, 5)), int(rng.integers(1e6))
     options = {
-        "cin": {"base_um": u(4, 7), "height_um": u(1, 2.2), "period_min_um": u(2.5, 4), "period_max_um": u(10, 16)},
+        "cin": {
+            "base_um": u(4, 7), "height_um": u(1, 2.2), "period_min_um": u(2.5, 4), "period_max_um": size * u(0.16, 0.2),
+        },
         "air": {"base_um": u(4, 7), "height_um": u(1.5, 2.5), "correlation_um": u(3, 6), "seed": seed},
         "lens": {"base_um": u(2, 4), "height_um": u(3, 5)},
         "stairs": {
@@ -59,7 +64,7 @@ def drawn(kind: str, rng: np.random.Generator) -> dict:
     return {"kind": kind, "size_um": float(size), **known}
 
 
-def several(rng: np.random.Generator, *, upright: bool = False) -> tuple[list[dict], dict]:
+def several(rng: np.random.Generator, scale: float = WHOLE, *, upright: bool = False) -> tuple[list[dict], dict]:
     """Draw one to three structures, and one of another kind to be held out.
 
     Of two or more, one is smooth and one stepped. Those that are `upright` show how a recording is turned.
@@ -70,7 +75,7 @@ def several(rng: np.random.Generator, *, upright: bool = False) -> tuple[list[di
     first = [smooth[0], stepped[0]] if rng.random() < 0.5 else [stepped[0], smooth[0]]
     third, *left = [stepped[1], smooth[1]] if upright or rng.random() < 0.5 else [smooth[1], stepped[1]]
     count = int(rng.choice(COUNTS, p=SHARES))
-    return [drawn(kind, rng) for kind in [*first, third][:count]], drawn(left[0], rng)
+    return [drawn(kind, rng, scale) for kind in [*first, third][:count]], drawn(left[0], rng, scale)
 
 
 def made(structure: dict, pitch_um: float) -> HeightMap:
