@@ -43,7 +43,8 @@ def drawn(kind: str, rng: np.random.Generator, scale: float = WHOLE) -> dict:
     count, seed = int(rng.integers(3, 5)), int(rng.integers(1e6))
     options = {
         "cin": {
-            "base_um": u(4, 7), "height_um": u(1, 2.2), "period_min_um": u(2.5, 4), "period_max_um": size * u(0.16, 0.2),
+            "base_um": u(4, 7), "height_um": u(1, 2.2), "period_min_um": u(2.5, 4),
+            "period_max_um": size * u(0.16, 0.2),
         },
         "air": {"base_um": u(4, 7), "height_um": u(1.5, 2.5), "correlation_um": u(3, 6), "seed": seed},
         "lens": {"base_um": u(2, 4), "height_um": u(3, 5)},
