@@ -152,11 +152,15 @@ class Judge:
         return self.models[names]
 
     def blemish(self, search: Search, names: Names) -> Blemish | None:
-        """Return the spot, if any, that explains more of what a set leaves than any further effects would."""
+        """Return the spot, if any, that explains more of what a set leaves than any other set would.
+
+        By as much more as one more effect would have to gain: a spot is one more thing to believe in.
+        """
         model = self.model(search, names)
         if len(self.left_out) == policy.BLEMISHES or not suspected(model):
             return None
-        return blemish(model, self.bumps[model.spot.pair], search.promised(names))
+        more = search.price(len(names) + 1) - search.price(len(names))
+        return blemish(model, self.bumps[model.spot.pair], search.promised(names) + more)
 
     def answer(self, search: Search, names: Names, *, complete: bool) -> Diagnosis:
         """Return the answer that the best set so far gives."""

@@ -157,7 +157,7 @@ def diagnose(
             keep(judge.answer(search, frozenset(), complete=False))
             tell(Stage.of("refits", "refitting the leading sets of effects"))
             search.begin_with(ended)
-        beside, blemish = best, judge.blemish(search, best)
+        beside, blemish = best, None if best else judge.blemish(search, best)  # beside names refits must tell
         if not blemish:
             best, rounds = search.round(), rounds + 1
             blemish = judge.blemish(search, beside)

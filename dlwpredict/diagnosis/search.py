@@ -160,15 +160,15 @@ class Search:
         return policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
 
     def promised(self, names: Names) -> float:
-        """Return the 2 ln L that the best further effects bring a set: as refitted, to first order where they are not.
+        """Return the 2 ln L that the best other set brings, larger or not: as refitted, to first order where it is not.
 
-        Infinite for a set that no effect is added to any more.
+        Infinite beside a set that no effect is added to any more.
         """
         if len(names) == policy.MOST_EFFECTS:
             return np.inf
         screen, cost = self.screen(names), self.fitted[names].cost
-        more = [one for one in Sets.of(screen, self.price).ranked if one.names > names]
-        ends = [self.fitted[one.names].cost if one.names in self.fitted else screen.cost - one.gain for one in more]
+        others = [one for one in Sets.of(screen, self.price).ranked if one.names != names]
+        ends = [self.fitted[one.names].cost if one.names in self.fitted else screen.cost - one.gain for one in others]
         return max((cost - end for end in ends), default=0.0)
 
     def screen(self, names: Names) -> Linearised:
