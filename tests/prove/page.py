@@ -14,7 +14,7 @@ from dlwpredict.files.atomic import write_text
 from tests.prove import figures
 from tests.prove.judge import CONCEALMENTS
 from tests.prove.linear import LIMIT_Z
-from tests.prove.structures import COARSE_UM, PITCHES_UM
+from tests.prove.structures import COARSE_UM, HALF, PITCHES_UM, WHOLE
 from tests.prove.table import Row, limits, rows, wrong_form
 
 HEAD = """# Proof on concealed effects
@@ -25,9 +25,10 @@ sealed: targets and recordings under opaque names, and the SHA-256 of what is co
 answer were the seals opened and the answers judged. Run: `{command}` (seed {seed}).
 {count} cases were asked ({kinds}){rest}.
 One to three random structures per case (CIN of 60 to 80 um, AIR of 80 to 100, lens, stairs, posts and pads of 40 to
-60, at a pitch of {fine:g} to {rough:g} um); random process, noise level, kind and length of correlation. A further
-structure is printed too and kept from the program. Half of the cases are recorded raw: on a field larger than the part,
-on the microscope's own pixels, turned, shifted and tilted; `dlwpredict align` lays them on their targets first. A
+60, at a pitch of {whole} um, in every fifth case; half as large, at {half} um, in the others); random process, noise
+level, kind and length of correlation. A further structure is printed too and kept from the program. Half of the cases
+are recorded raw: on a field larger than the part, on the microscope's own pixels, turned, shifted and tilted;
+`dlwpredict align` lays them on their targets first. A
 quarter has noise of rows besides. In half of the cases the press's process differs mildly in form from the seven's
 model (focus with tails, conversion that follows the dose, layers that the base holds, cross-linking with tails).
 
@@ -87,7 +88,7 @@ def text(results: Sequence[Mapping], lines: Sequence[Row], seal: Mapping, *, com
     every_case = len(seal["cases"])
     head = HEAD.format(
         all=every_case, count=len(results), kinds=counts, command=command, seed=seal["seed"], limit=LIMIT_Z,
-        fine=PITCHES_UM[0], rough=PITCHES_UM[1], coarse=COARSE_UM,
+        whole="{} to {}".format(*PITCHES_UM[WHOLE]), half="{} to {}".format(*PITCHES_UM[HALF]), coarse=COARSE_UM,
         seconds=seconds, version=__version__, code=seal["code"][:16],
         rest="; time ended before the others, in an order that the seal holds" * (len(results) < every_case),
     )  # fmt: skip
