@@ -79,6 +79,8 @@ def real(run: Path = RUNS / "real") -> dict[str, Any]:
     )
     if not told["complete"]:
         text += " The search was ended before it was finished: this is the best answer until then."
+    if "--resume" in told["provenance"]["command"]:
+        text += " It had gone on from an earlier run: the work is that of the last leg alone."
     command = "make real-diagnosis, then python -m tests.bench.evidence real"
     return {"title": "Real prints, eight fitted and eight held out", "command": command, "text": text} | {
         "rows": rows + work(told)

@@ -129,7 +129,7 @@ def _nulls(nulls: list) -> list[Row]:
     clear = [r for r in formed if wrong_form(r) >= 1]
     far = [r for r in plain if r["truth"]["noise"]["correlation_um"] > 1.2]
     return [
-        counted("null", "anything said", nulls, lambda r: r["verdict"] != "none", ""),
+        counted("null", "anything said", nulls, lambda r: r["verdict"] != "none", "<= 8 %"),
         counted("null", "an effect named", nulls, lambda r: r["findings"], "<= 5 %"),
         counted("null", "the process of the seven's form: anything said", plain, lambda r: r["verdict"] != "none",
                 "<= 5 %"),
@@ -282,7 +282,7 @@ def _outside(outside: list) -> list[Row]:
                 lambda r: r["verdict"] == "unexplained", ""),
         counted("outside", "... named with confidence all the same", strong, lambda r: r.get("misnamed"), "<= 5 %"),
         counted("outside", "... nothing said", strong, lambda r: r["verdict"] == "none", ""),
-        counted("outside", "all: named with confidence all the same", outside, lambda r: r.get("misnamed"), ""),
+        counted("outside", "all: named with confidence all the same", outside, lambda r: r.get("misnamed"), "<= 10 %"),
         counted("outside", "local ones from SNR 10 on: place right", placed, lambda r: r["place"], ">= 90 %"),
     ]  # fmt: skip
 
