@@ -8,7 +8,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.structure.blemishes import LOCAL, blemish
+from dlwpredict.diagnosis.structure.blemishes import blemish
 from dlwpredict.diagnosis.structure.columns import Columns
 from dlwpredict.diagnosis.structure.forms import Beside, Energy, Forms, agreement
 from dlwpredict.diagnosis.structure.freeform import edge_distances, free_forms, smooth_forms, splines
@@ -163,7 +163,7 @@ class TestBlemish:
         quiet = SimpleNamespace(fit=found, spot=spot(found, draws, [Bumps.of(item)]))
         assert blemish(quiet, Bumps.of(item), 0.0) is None
         dome, lone = self.of(wide, item, null, 0.02 * noise, 0.0)
-        assert lone.p_value < SINGLE and dome is None, LOCAL
+        assert lone.p_value < SINGLE and dome is None
 
 
 @pytest.mark.slow

@@ -24,7 +24,11 @@ def holes() -> np.ndarray:
     return used
 
 
-@pytest.mark.parametrize("noise", [Uneven(EVEN), UNEVEN], ids=["even", "uneven"])
+LEANING = Uneven(EVEN, rows=Lines(0.006, 0.006, 4.0, 0.006, 20.0, 4.5, lean=0.37))
+ACROSS = Uneven(EVEN, columns=Lines(0.006, 0.006, 4.0, lean=-0.6))
+
+
+@pytest.mark.parametrize("noise", [Uneven(EVEN), UNEVEN, LEANING, ACROSS], ids=["even", "uneven", "leaning", "across"])
 def test_the_models_is_the_mean_over_draws(noise, holes):
     rng = np.random.default_rng(1)
     slope = rng.random(SHAPE)

@@ -35,8 +35,9 @@ ROUNDS = 6
 """Linearise, enumerate, refit, estimate the noise beside the best set: at most so often; one effect takes two rounds,
 each further one another."""
 
-BLEMISHES = 5
-"""Spots that are left out at most, all recordings together: what has more of them has structure."""
+BLEMISHES, LOCAL = 5, 0.1
+"""Spots that are left out at most, all recordings together: what has more of them has structure. And the share of a
+recording's points that one may have: what is wider is no spot. From 0.1 to 0.5 the mission's cases are answered alike."""
 
 REACH = 2.0
 """Refits are brought to convergence where they come within so many class widths of the best set: a quick fit may be
@@ -73,6 +74,10 @@ EXPLAINED = 0.9
 POWER = 1.28
 """Standard deviations above the threshold at which an effect is found nine times in ten: `not_testable` is one that
 does not reach them at the end of its range."""
+
+ALONG_LINES = 2.0
+"""Periods along the lines of a known scan up to which a wave lies across them and is not the print's: offsets and tilts
+of lines have no more."""
 
 SEEN, TAKEN = 5.0, 0.3
 """An effect whose typical size stands out so many standard deviations with the process fixed, but of whose signature

@@ -174,7 +174,6 @@ class Search:
     def screen(self, names: Names) -> Linearised:
         """Linearise about the best fit of a set, once."""
         if names not in self.screens:
-            self.screens = {frozenset(): self.first} if names else {}
             self.screens[names] = self.linearised(names)
         return self.screens[names]
 

@@ -87,11 +87,28 @@ class Lines:
 
     def covariance(self, count: int) -> np.ndarray:
         """Return the covariance of successive offsets, µm², shape (count, count)."""
-        lag = self.spacing * np.arange(count)
+        return linalg.toeplitz(self._of_offsets(np.arange(count)))
+
+    def between(self, lag: np.ndarray) -> np.ndarray:
+        """Return the covariance of points that lie so many lines apart, µm², shape (lags,).
+
+        A point between two offsets of lines that lean has its share of either: averaged over all places,
+        Σ_k C_k·B(τ − k) at τ offsets apart, with the cubic B-spline B, the autocorrelation of linear interpolation.
+        """
+        apart = np.abs(lag) / self.spacing
+        if not self.lean:
+            return self._of_offsets(apart)
+        offsets = np.floor(apart)[:, None] + np.arange(-1, 3)
+        distance = np.abs(apart[:, None] - offsets)
+        near, far = 2 / 3 - distance**2 + distance**3 / 2, np.maximum(2 - distance, 0) ** 3 / 6
+        return np.sum(self._of_offsets(np.abs(offsets)) * np.where(distance < 1, near, far), axis=1)
+
+    def _of_offsets(self, steps: np.ndarray) -> np.ndarray:
+        """Return C, the covariance of offsets so many steps from one to the next apart, µm²."""
+        lag = self.spacing * steps
         swing = np.exp(-lag / self.hum_lines) * np.cos(2 * np.pi * lag / self.period_lines)
-        covariances = self.red_um**2 * np.exp(-lag / self.red_lines) + self.hum_um**2 * swing
-        covariances[0] += self.white_um**2
-        return linalg.toeplitz(covariances)
+        drift = self.red_um**2 * np.exp(-lag / self.red_lines)
+        return drift + self.hum_um**2 * swing + self.white_um**2 * (steps == 0)
 
     def root(self, count: int) -> np.ndarray:
         """Return L with L·Lᵀ the covariance of the offsets, µm, shape (count, count)."""
@@ -101,11 +118,11 @@ class Lines:
     def simulate(self, rows: int, cols: int, rng: np.random.Generator, draws: int) -> np.ndarray:
         """Draw offsets and tilts of lines that are rows, or lean against them, µm, shape (draws, rows, cols)."""
         whole = np.ones((rows, cols), dtype=bool)
-        offset, tilt = (on_lines(whole, 0, order, self.lean) for order in (OFFSET, TILT))
+        offset = on_lines(whole, 0, OFFSET, self.lean)
         count = offset.shape[1]
         drawn = offset @ (self.root(count) @ rng.standard_normal((count, draws)))
         if self.tilt_um:
-            drawn += tilt @ (self.tilt_um * rng.standard_normal((count, draws)))
+            drawn += on_lines(whole, 0, TILT, self.lean) @ (self.tilt_um * rng.standard_normal((count, draws)))
         return drawn.T.reshape(draws, rows, cols)
 
 
@@ -126,10 +143,8 @@ def on_lines(used: np.ndarray, axis: int, order: int = OFFSET, lean: float = 0.0
     values, point = np.linspace(-1, 1, used.shape[1 - axis])[place] ** order, np.arange(len(line))
     if not lean:
         return sparse.csr_array((values, (point, line)), shape=(len(line), used.shape[axis]))
-    across, count = (
-        (line + beyond + lean * (place - half)) / HALF,
-        round((used.shape[axis] - 1 + 2 * beyond) / HALF) + 1,
-    )
+    across = (line + beyond + lean * (place - half)) / HALF
+    count = round((used.shape[axis] - 1 + 2 * beyond) / HALF) + 1
     below = np.floor(across).astype(int)
     share = across - below
     entries = np.append(values * (1 - share), values * share)

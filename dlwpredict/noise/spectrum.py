@@ -66,7 +66,8 @@ def _along_rows(residual_um: np.ndarray, used: np.ndarray, noise: Uneven, scale:
     """Return the spectrum along rows.
 
     With weights w, E Σ_rows |Σ_j w_j ε_j e^(−2πi·f·x_j)|² = Σ_d C(d)·A(d)·e^(−2πi·f·d·dx), where A(d) = Σ w_j·w_(j+d)
-    over all rows. The offset of a row is the same at all d, its tilt grows along it; columns differ from d to d.
+    over all rows. Lines that are rows, or lean against them, and columns have the covariance of lines that lie as many
+    lines apart as d pixels cross; the tilt of a row grows along it, and is taken as if rows did not lean.
     """
     rows, cols = used.shape
     dx_um, period = noise.even.dx_um, fft.next_fast_len(2 * cols, real=True)
@@ -80,11 +81,13 @@ def _along_rows(residual_um: np.ndarray, used: np.ndarray, noise: Uneven, scale:
         at_lags = np.append(covariance, np.zeros(period))[lags]
         return fft.rfft(fft.irfft(power(weighted), period) * at_lags).real
 
-    model = expected(noise.even.at(np.arange(cols) * dx_um), weights * scale)
+    apart = np.arange(cols)
+    model = expected(noise.even.at(apart * dx_um), weights * scale)
     if noise.row_um or noise.rows.tilt_um:
-        model += noise.row_um**2 * power(weights) + noise.rows.tilt_um**2 * power(weights * np.linspace(-1, 1, cols))
+        model += expected(noise.rows.between(noise.rows.lean * apart), weights)
+        model += noise.rows.tilt_um**2 * power(weights * np.linspace(-1, 1, cols))
     if noise.column_um or noise.columns.tilt_um:
-        model += expected(noise.columns.covariance(cols)[0], weights)
+        model += expected(noise.columns.between(apart), weights)
         model += noise.columns.tilt_um**2 * np.sum((weights * np.linspace(-1, 1, rows)[:, None]) ** 2)
     both = np.stack([power(weights * residual_um), model]) * (2 * dx_um / max(float(np.sum(weights**2)), 1e-300))
     return Spectrum(*_banded(fft.rfftfreq(period, dx_um), both, cols * dx_um))

@@ -32,9 +32,6 @@ UPRIGHT = ("air", "stairs", "posts")
 """Kinds that a quarter or half turn brings onto nothing like themselves: the others lie as well in four ways, and
 nothing in a recording tells which."""
 
-PIXELS, PITCH_UM, MARGIN_PX = 80, 0.45, 8
-"""Small maps, as `tests/stories` takes them."""
-
 
 def drawn(kind: str, rng: np.random.Generator, scale: float = WHOLE) -> dict:
     """Draw the options of a kind; lengths in µm."""

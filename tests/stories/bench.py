@@ -24,7 +24,6 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.metrology.score import score
 from tests.bench.generations import without_rim
 from tests.press import read_map, write_map
-from tests.prove.structures import MARGIN_PX, PITCH_UM, PIXELS
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = Path(sys.executable).with_name("dlwpredict")
@@ -32,6 +31,7 @@ PROGRAM = Path(sys.executable).with_name("dlwpredict")
 FINER = 2
 """The press prints the target's pixels as squares of this many pixels a side."""
 
+PIXELS, PITCH_UM, MARGIN_PX = 80, 0.45, 8
 SIZE_UM, MARGIN_UM = (PIXELS - 2 * MARGIN_PX) * PITCH_UM, MARGIN_PX * PITCH_UM
 """Side of the parts, and the bare substrate around them."""
 

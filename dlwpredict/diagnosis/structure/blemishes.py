@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.structure.spots import Bumps, Spot, mismatch, patch
 from dlwpredict.diagnosis.structure.test import SINGLE, Model
 from dlwpredict.infer.recording import Recording
-
-LOCAL = 0.25
-"""Share of a recording's points that a blemish has at most: what is wider is no spot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,4 +57,4 @@ def blemish(model: Model, bumps: Bumps, promised: float) -> Blemish | None:
     if scale == 0:  # as narrow as a pixel: a spike, or what is left of a corner
         return None
     points = patch(mismatch(score[: scale + 1], used), int(row), int(col))  # wider bumps would see it farther away
-    return None if (points & used).sum() > LOCAL * used.sum() else Blemish(**vars(lone), points=points)
+    return None if (points & used).sum() > policy.LOCAL * used.sum() else Blemish(**vars(lone), points=points)

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.structure.largest import LARGEST_OF, p_of_largest
 from dlwpredict.infer.objective import Fit
 from dlwpredict.infer.recording import Recording
-
-ALONG_LINES = 2.0
-"""Periods along the lines of a scan up to which a wave lies across them: offsets and tilts of lines have no more."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ def across_lines(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.nda
         return np.zeros(np.broadcast_shapes(fx.shape, fy.shape), dtype=bool)
     x, y = np.cos(np.deg2rad(fast)), np.sin(np.deg2rad(fast))
     width, depth = recording.target.size_um
-    return np.abs(fx * x + fy * y) * (abs(x) * width + abs(y) * depth) <= ALONG_LINES
+    return np.abs(fx * x + fy * y) * (abs(x) * width + abs(y) * depth) <= policy.ALONG_LINES
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
