@@ -11,7 +11,8 @@ from dlwpredict.effects.dose_proximity import neighbourhood
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import Dose, Focus
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, lag
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
+from dlwpredict.numerics.trailing import lag
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict, run, steps
 

@@ -215,36 +215,3 @@ class Companion:
     def remove(self) -> None:
         """Remove it: the run has completed."""
         self.path.unlink(missing_ok=True)
-
-
-@dataclass(eq=False)
-class Clock:
-    """How far something has come, and about how long the rest takes; a live line on a terminal.
-
-    Parameters
-    ----------
-    whole_s : float
-        Expected at the beginning.
-    """
-
-    whole_s: float
-    begun: float = field(default_factory=time.monotonic)
-    text: str = "begun"
-
-    def step(self, text: str, share: float) -> str:
-        """Begin a stage when a share of the whole is done, and return the line."""
-        spent = time.monotonic() - self.begun
-        if share > 0.1:
-            self.whole_s = spent / share
-        self.text = text
-        return self.line
-
-    @property
-    def line(self) -> str:
-        """What goes on, and how much time is left."""
-        left = self.whole_s - (time.monotonic() - self.begun)
-        return f"{self.text}, about {said(left)} left" if left > 0 else f"{self.text}, longer than expected"
-
-    def __rich__(self) -> str:
-        """Return the line as it is now: rich asks for it whenever it draws."""
-        return self.line

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from dlwpredict.calibration.words import cautions_of
-from dlwpredict.cli.anytime import Clock, Companion, cpu_s, end_workers, fingerprint
+from dlwpredict.cli.anytime import Companion, cpu_s, end_workers, fingerprint
 from dlwpredict.cli.anytime import said as about
-from dlwpredict.cli.console import detail, progress_shown, say, warn
+from dlwpredict.cli.console import say, warn
 from dlwpredict.cli.diagnosis_files import maps_of, write_maps, write_report
 from dlwpredict.cli.pairs import Files, Pair, pixels_of, repeats_of
+from dlwpredict.cli.progress import progress
 from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer.advise import advise
@@ -25,7 +25,7 @@ from dlwpredict.diagnosis.answer.halves import Classes, halves, named_by, with_h
 from dlwpredict.diagnosis.answer.sides import extended
 from dlwpredict.diagnosis.answer.words import listed
 from dlwpredict.diagnosis.judge import Diagnosis
-from dlwpredict.diagnosis.run import STAGES, Course, Stage, diagnose
+from dlwpredict.diagnosis.run import Course, Stage, diagnose
 from dlwpredict.errors import InputError
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
@@ -193,7 +193,7 @@ class Session:
 
     def search(self, *, advice: bool, reproducible: bool = False) -> None:
         """Diagnose, keeping every answer on the way."""
-        with _progress(self._expected_s) as tell, Workers(self.processes, diagnose.__module__) as workers:
+        with progress(self._expected_s) as tell, Workers(self.processes, diagnose.__module__) as workers:
             try:
                 diagnosis = diagnose(
                     self.recordings,
@@ -333,20 +333,3 @@ def _advised(diagnosis: Diagnosis, content: dict[str, Any]) -> None:
             advice = advise(diagnosis.baseline.fit, [member.effect for member in item.members])
             finding["separate_by"] = advice.sentence if advice else None
             finding["separate_command"] = advice.command if advice else None
-
-
-@contextmanager
-def _progress(expected_s: float) -> Iterator[Callable[[Stage], None]]:
-    """Say what goes on: on a terminal in one line that goes away, with ``--verbose`` line by line."""
-    clock = Clock(expected_s)
-
-    def step(stage: Stage) -> None:
-        detail(clock.step(f"stage {stage.number} of {len(STAGES)}: {stage.text}", stage.share))
-
-    if not progress_shown():
-        yield step
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(clock):
-        yield step

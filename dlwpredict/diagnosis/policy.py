@@ -37,7 +37,7 @@ each further one another."""
 
 BLEMISHES, LOCAL = 5, 0.1
 """Spots that are left out at most, all recordings together: what has more of them has structure. And the share of a
-recording's points that one may have: what is wider is no spot. From 0.1 to 0.5 the mission's cases are answered alike."""
+recording's points that one may have: what is wider is no spot. 0.1 and 0.5 answer the mission's cases alike."""
 
 REACH = 2.0
 """Refits are brought to convergence where they come within so many class widths of the best set: a quick fit may be

@@ -9,7 +9,7 @@ import numpy as np
 from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import occupied
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.numerics.smoothing import trailing_mean
+from dlwpredict.numerics.trailing import trailing_mean
 from dlwpredict.parameters import declare
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dlwpredict.effects.base import FocusEffect
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Dose, Focus
-from dlwpredict.numerics.smoothing import lag
+from dlwpredict.numerics.trailing import lag
 from dlwpredict.parameters import declare
 
 

@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS, blur, blur_turned, lag
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, blur_turned
+from dlwpredict.numerics.trailing import LAG_REACH, lag
 
 STAGES = ("target", "dose", "exposed", "crosslink", "height", "surface", "recording")
 

@@ -14,7 +14,8 @@ from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.column_mean import coarse_factor
 from dlwpredict.model.levels import Levels
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, LAG_REACH, REACH_SIGMAS
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS
+from dlwpredict.numerics.trailing import LAG_REACH
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import run, steps
 
