@@ -6,9 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from tests.prove.structures import PITCH_UM, PIXELS
 from tests.stories import STORIES, __main__, page, pictures
-from tests.stories.bench import MARGIN_UM, SIZE_UM, Bench, StepError
+from tests.stories.bench import MARGIN_UM, PITCH_UM, PIXELS, SIZE_UM, Bench, StepError
 from tests.stories.round_trip import PARTS, WAYS, Trip
 from tests.stories.story import Claim, Told, besides, nm, verdict
 
