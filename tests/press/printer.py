@@ -216,7 +216,7 @@ def _spread(converted, grid, press, far):
 
 def _shrinkage(crosslinked, solid, grid, press, effects):
     """Return the shrinkage factor of each column, the mean over its solid part."""
-    reference = peak(crosslinked * (solid > 0)) if press.crosslink_reference == "structure_maximum" else 1.0
+    reference = peak(crosslinked, solid > 0) if press.crosslink_reference == "structure_maximum" else 1.0
     share = crosslinked / np.float32(max(reference, 1e-9))
     for item in effects:
         share = item.curing(share)

@@ -55,16 +55,21 @@ def _cubic(values, t):
     )
 
 
-def peak(stack):
-    """Return the maximum of a stack, refined between the voxels by a parabola along each axis."""
-    place = np.unravel_index(np.argmax(stack), stack.shape)
+def peak(stack, inside):
+    """Return the maximum of a smooth stack over some voxels, refined between them by a parabola along each axis.
+
+    The parabolas are those of the stack itself, which goes on beyond the voxels that count; where it grows on there,
+    they hold its maximum no more, and the highest of the voxels is it.
+    """
+    place = np.unravel_index(np.argmax(np.where(inside, stack, -np.inf)), stack.shape)
     top = float(stack[place])
     gain = 0.0
     for axis in range(stack.ndim):
         if 0 < place[axis] < stack.shape[axis] - 1:
             below, above = (float(stack[_moved(place, axis, step)]) for step in (-1, 1))
             bend = below - 2 * top + above
-            gain += -((above - below) ** 2) / (8 * bend) if bend < 0 else 0.0
+            if max(below, above) <= top and bend < 0:
+                gain += -((above - below) ** 2) / (8 * bend)
     return top + gain
 
 
