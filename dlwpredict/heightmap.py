@@ -30,11 +30,13 @@ class Instrument:
     fast_axis_deg : float, optional
         Direction of the fast measuring axis in the frame of the map, counter-clockwise from x, −180 < it ≤ 180;
         None where there is none, or none is known.
+    pitch_um : float, optional
+        Pitch that it recorded with, the larger where it is not the same along x and y; None where it is the map's.
 
     Raises
     ------
     InputError
-        Another kind, or a direction that is not finite.
+        Another kind, a direction that is not finite, or a pitch that is not positive.
 
     Examples
     --------
@@ -44,6 +46,7 @@ class Instrument:
 
     kind: str = "unknown"
     fast_axis_deg: float | None = None
+    pitch_um: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in INSTRUMENTS:
@@ -54,6 +57,10 @@ class Instrument:
                     f"found {self.fast_axis_deg:g}", key="instrument_fast_axis_deg", allowed="allowed: degrees from x"
                 )
             object.__setattr__(self, "fast_axis_deg", 180 - (180 - float(self.fast_axis_deg)) % 360)
+        if self.pitch_um is not None and not (np.isfinite(self.pitch_um) and self.pitch_um > 0):
+            raise InputError(
+                f"found {self.pitch_um:g}", key="instrument_pitch_um", allowed="allowed: a positive number"
+            )
 
     def turned(self, angle_deg: float) -> Instrument:
         """Return the instrument in the frame of a map that was turned by an angle, counter-clockwise."""

@@ -75,7 +75,7 @@ def recorded(surface, pitch_um, size_um=24.0, fine=8):
     return prepared(HeightMap(heights, pitch_um, pitch_um), np.ones((count, count), bool))
 
 
-@pytest.mark.parametrize("pitch_um", [0.2, 0.24, 0.3, 0.375, 0.4])
+@pytest.mark.parametrize("pitch_um", [0.15, 0.2, 0.24, 0.3, 0.375, 0.4, 0.5, 0.6])
 def test_a_pixel_read_from_means_is_the_mean_over_the_targets_own(pitch_um):
     """Of a parabola: z(0) + a·p²/12 + b·p²/12 at every place, whatever the recording's pitch."""
     target, turned = HeightMap(np.zeros((20, 20)), 0.4, 0.4), Pose.rigid((0.13, -0.21), 7.0)
@@ -84,6 +84,16 @@ def test_a_pixel_read_from_means_is_the_mean_over_the_targets_own(pitch_um):
     x, y = turned.to_recording(*np.meshgrid(target.x_um, target.y_um))
     expected = 0.3 * x**2 - 0.1 * y**2 + 0.2 * x * y + (0.3 - 0.1) * 0.4**2 / 12
     np.testing.assert_allclose(laid.heights_um[8:12, 8:12], expected[8:12, 8:12], atol=2e-5)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0])
+def test_a_pixel_that_is_no_square_lies_as_the_part_does(angle_deg):
+    target, turned = HeightMap(np.zeros((20, 20)), 0.5, 0.3), Pose.rigid((0.0, 0.0), angle_deg)
+    surface = recorded(lambda x, y: x**2 + 0 * y, 0.3, fine=40)
+    laid = resample(surface, surface.support > 0, target, turned)
+    x, _ = turned.to_recording(*np.meshgrid(target.x_um, target.y_um))
+    expected = x**2 + (0.5 if angle_deg == 0.0 else 0.3) ** 2 / 12
+    np.testing.assert_allclose(laid.heights_um[8:12, 8:12], expected[8:12, 8:12], atol=5e-5)
 
 
 @pytest.mark.parametrize("pitch_um", [0.2, 0.3, 0.4])

@@ -1,5 +1,7 @@
 """What a recording knows of its instrument travels with it: through files, and through an alignment."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -45,7 +47,7 @@ class TestFiles:
         write_height_map(path, HeightMap(MAP.heights_um, 0.2, 0.3))
         assert "instrument" not in path.read_text()
 
-    @pytest.mark.parametrize("line", ["instrument=camera", "instrument_fast_axis_deg=left"])
+    @pytest.mark.parametrize("line", ["instrument=camera", "instrument_fast_axis_deg=left", "instrument_pitch_um=0"])
     def test_a_line_that_makes_no_sense_is_refused(self, tmp_path, line):
         path = tmp_path / "map.txt"
         path.write_text(f"# pitch_x_um=0.2\n# pitch_y_um=0.2\n# {line}\n1 2\n3 4\n")
@@ -63,6 +65,12 @@ class TestAlignment:
         assert found.aligned.instrument.kind == "afm"
         assert found.aligned.instrument.fast_axis_deg == pytest.approx(-90, abs=0.1)
         assert found.as_dict()["instrument_fast_axis_deg"] == found.aligned.instrument.fast_axis_deg
+
+    @pytest.mark.slow
+    def test_a_laid_map_knows_how_wide_the_pixels_were_that_it_was_recorded_with(self, part):
+        own, wider = (replace(part, instrument=Instrument(pitch_um=pitch_um)) for pitch_um in (None, 3 * part.dx_um))
+        assert align(own, part).aligned.instrument.pitch_um == pytest.approx(max(part.dx_um, part.dy_um))
+        assert align(wider, part).aligned.instrument.pitch_um == pytest.approx(3 * part.dx_um)
 
     @pytest.mark.slow
     def test_a_recording_that_was_turned_back_has_its_lines_turned_back(self, part):

@@ -73,6 +73,7 @@ class Alignment:
             "height_reference": self.aligned.height_reference,
             "instrument": self.aligned.instrument.kind,
             "instrument_fast_axis_deg": self.aligned.instrument.fast_axis_deg,
+            "instrument_pitch_um": self.aligned.instrument.pitch_um,
             "uncertainty": self.uncertainty,
             "shear_mrad": 1e3 * self.pose.shear,
             "bow_um": {"x": list(bow_x), "y": list(bow_y)},

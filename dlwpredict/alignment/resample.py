@@ -1,4 +1,4 @@
-"""The recording on the target's grid: averaged where it is finer, interpolated where it is coarser."""
+"""The recording on the target's grid: means over its pixels from means over the recording's."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from dlwpredict.alignment.pose import Pose
 from dlwpredict.alignment.surface import Surface
 from dlwpredict.heightmap import HeightMap
 
+MOST_PX, ROUNDING = 2.0, 1e-6
+"""Pixels of the recording that one piece of a target's pixel may be wide."""
+
 
 def prepared(recording: HeightMap, measured: np.ndarray) -> Surface:
     """Fill a recording's gaps, and extend it beyond its hull without support (for filters only)."""
@@ -21,12 +24,10 @@ def prepared(recording: HeightMap, measured: np.ndarray) -> Surface:
 def resample(surface: Surface, hull: np.ndarray, target: HeightMap, pose: Pose) -> HeightMap:
     """Bring a recording onto the target's grid.
 
-    Each target point is the mean over its pixel, read at n × n places no farther apart than the recording's own
-    pitch: by cubic convolution for n ≤ 2, linearly beyond. Neither takes pixels farther away than two: a wall leaves
-    no trace beyond. A pixel of the recording is a mean already; so the places share a width w that gives the whole the
-    variance of the target's pixel, p²/12 = q²/12 + w²/12·(1 − 1/n²), with p and q the pitches: w = p where p = n·q,
-    none where the recording is as coarse as the target. Less than half of a pixel measured: marked as filled. Less than
-    half of it inside the measured hull: NaN.
+    Each target point is the mean over its pixel, read off the recording's pixels, which are means over theirs: in one
+    piece, or in n × n where the pixel is wider than two of the recording's. No piece takes pixels farther away than
+    two: a wall leaves no trace beyond. Less than half of a pixel measured: marked as filled. Less than half of it
+    inside the measured hull: NaN.
 
     Parameters
     ----------
@@ -39,33 +40,30 @@ def resample(surface: Surface, hull: np.ndarray, target: HeightMap, pose: Pose) 
     pose : Pose
     """
     x, y = np.meshgrid(target.x_um, target.y_um)
-    fine = min(surface.dx_um, surface.dy_um)
-    along_x, along_y = (
-        _places_um(pitch, fine / scale) for pitch, scale in zip((target.dx_um, target.dy_um), pose.scale, strict=True)
-    )
-    how = "local" if max(len(along_x), len(along_y)) < 3 else "linear"
+    side_um = _sides_um(target, pose)
+    number = int(np.ceil(max(side_um[0] / surface.dx_um, side_um[1] / surface.dy_um) / MOST_PX - ROUNDING))
+    piece_um = side_um[0] / number, side_um[1] / number
     reach = Surface(hull.astype(float), hull.astype(float), surface.dx_um, surface.dy_um)
     total, measured, within = np.zeros((3, *x.shape))
-    for right, up in product(along_x, along_y):
+    pieces = (np.arange(number) - (number - 1) / 2) / number
+    for right, up in product(pieces * target.dx_um, pieces * target.dy_um):
         place = pose.to_recording(x + right, y + up)
-        heights, support = surface.at(*place, how)
+        heights, support = surface.mean_at(*place, piece_um)
         total, measured = total + heights, measured + support
         within = within + reach.at(*place, "linear")[1]
-    number = len(along_x) * len(along_y)
-    heights = np.where(within >= 0.5 * number, total / number, np.nan)
-    return HeightMap(heights, target.dx_um, target.dy_um, filled=(measured < 0.5 * number) & ~np.isnan(heights))
+    heights = np.where(within >= 0.5 * number**2, total / number**2, np.nan)
+    return HeightMap(heights, target.dx_um, target.dy_um, filled=(measured < 0.5 * number**2) & ~np.isnan(heights))
 
 
-def _places_um(pitch_um: float, fine_um: float) -> np.ndarray:
-    """Return where along one axis a pixel is read, from its centre, pixels of the recording being means over theirs.
+def _sides_um(target: HeightMap, pose: Pose) -> tuple[float, float]:
+    """Return the sides of an upright rectangle that varies along the recording's x and y as the target's pixel does.
 
     Examples
     --------
-    >>> _places_um(0.4, 0.2), _places_um(0.4, 0.4), _places_um(0.4, 0.35).round(3)
-    (array([-0.1,  0.1]), array([0.]), array([-0.056,  0.056]))
+    >>> _sides_um(HeightMap(np.zeros((4, 4)), 0.2, 0.4), Pose.rigid((0.0, 0.0), 90.0))
+    (0.4, 0.2)
     """
-    count = max(1, int(np.ceil(pitch_um / fine_um - 0.05)))
-    if count == 1:
-        return np.zeros(1)
-    width = np.sqrt(max(pitch_um**2 - fine_um**2, 0) / (1 - count**-2))
-    return ((np.arange(count) + 0.5) / count - 0.5) * width
+    turn, scale = np.radians(pose.rotation_deg), pose.scale
+    cos, sin = np.cos(turn), np.sin(turn)
+    along, across = target.dx_um * scale[0], target.dy_um * scale[1]
+    return float(np.hypot(along * cos, across * sin)), float(np.hypot(along * sin, across * cos))

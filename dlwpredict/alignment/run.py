@@ -13,7 +13,7 @@ from dlwpredict.alignment.evidence import correlation
 from dlwpredict.alignment.fill import extend, inside_hull
 from dlwpredict.alignment.level import FLANK_UM, Plane, find_plane
 from dlwpredict.alignment.plane import mad_sigma
-from dlwpredict.alignment.pose import Wanted
+from dlwpredict.alignment.pose import Pose, Wanted
 from dlwpredict.alignment.refine import Level, refine
 from dlwpredict.alignment.resample import prepared, resample
 from dlwpredict.alignment.spikes import confirmed_spikes, suspected_spikes
@@ -108,10 +108,17 @@ def align(
     plane = find_plane(laid, scene.target, margin)
     x, y = np.meshgrid(scene.target.x_um, scene.target.y_um)
     level = scene.crop(replace(laid, heights_um=laid.heights_um - plane.at(x, y), height_reference=plane.reference))
-    level = replace(level, instrument=recording.instrument.turned(-registration.fit.pose.rotation_deg))
+    turned = recording.instrument.turned(-registration.fit.pose.rotation_deg)
+    level = replace(level, instrument=replace(turned, pitch_um=_pitch_um(recording, registration.fit.pose)))
     if keep_missing:
         level = replace(level, heights_um=np.where(level.measured, level.heights_um, np.nan), filled=None)
     return _report(recording, target, level, registration, choice, plane, int(spikes.sum()))
+
+
+def _pitch_um(recording: HeightMap, pose: Pose) -> float:
+    """Return the pitch that a map was recorded with, µm of the target."""
+    own = recording.instrument.pitch_um or 0.0
+    return max(own, recording.dx_um, recording.dy_um) / min(pose.scale)
 
 
 def _check(recording: HeightMap, target: HeightMap) -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from dlwpredict.numerics.interpolation import read_locally
+from dlwpredict.numerics.interpolation import read_means
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +59,41 @@ class Surface:
         Parameters
         ----------
         x_um, y_um : numpy.ndarray
-        how : {"spline", "local", "linear"}
-            A cubic spline, more exact on waves of few pixels, rings several pixels deep at walls; cubic convolution, of
-            third order too, takes no pixel farther away than two.
+        how : {"spline", "linear"}
         """
+        place = self._place(x_um, y_um)
+        source, order = (self._spline, 3) if how == "spline" else (self.heights_um, 1)
+        heights = ndimage.map_coordinates(source, place, order=order, mode="mirror", prefilter=False)
+        return heights, self._support(x_um, y_um)
+
+    def mean_at(
+        self, x_um: np.ndarray, y_um: np.ndarray, side_um: tuple[float, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Read means over rectangles about points from the centre, the heights being means over their pixels; support.
+
+        From the four nearest pixels along each axis: a spline is more exact on waves of few pixels, but rings several
+        pixels deep at walls.
+
+        Parameters
+        ----------
+        x_um, y_um : numpy.ndarray
+        side_um : tuple of float
+            Along x and y, at most two pixels.
+        """
+        width_px = side_um[1] / self.dy_um, side_um[0] / self.dx_um
+        return read_means(self.heights_um, self._place(x_um, y_um), width_px), self._support(x_um, y_um)
+
+    def _place(self, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
+        """Return rows and columns of points, with fractions, shape (2, ...)."""
         rows, cols = self.heights_um.shape
-        place = np.array([(rows - 1) / 2 - y_um / self.dy_um, (cols - 1) / 2 + x_um / self.dx_um])
-        if how == "local":
-            heights = read_locally(self.heights_um, place)
-        else:
-            source, order = (self._spline, 3) if how == "spline" else (self.heights_um, 1)
-            heights = ndimage.map_coordinates(source, place, order=order, mode="mirror", prefilter=False)
-        support = ndimage.map_coordinates(self.support, place, order=1, mode="nearest")
+        return np.array([(rows - 1) / 2 - y_um / self.dy_um, (cols - 1) / 2 + x_um / self.dx_um])
+
+    def _support(self, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
+        """Return the share of each reading that was measured."""
+        rows, cols = self.heights_um.shape
+        support = ndimage.map_coordinates(self.support, self._place(x_um, y_um), order=1, mode="nearest")
         inside = (np.abs(x_um) <= cols * self.dx_um / 2) & (np.abs(y_um) <= rows * self.dy_um / 2)
-        return heights, np.where(inside, support, 0.0)
+        return np.where(inside, support, 0.0)
 
 
 def grid_um(size_um: tuple[float, float], pitch_um: float) -> tuple[np.ndarray, np.ndarray]:

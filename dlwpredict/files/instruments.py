@@ -94,7 +94,7 @@ def instrument_of(reader: str) -> Instrument:
     Examples
     --------
     >>> instrument_of("di"), instrument_of("vk").kind, instrument_of("sur").kind
-    (Instrument(kind='afm', fast_axis_deg=0.0), 'confocal', 'unknown')
+    (Instrument(kind='afm', fast_axis_deg=0.0, pitch_um=None), 'confocal', 'unknown')
     """
     return Instrument("afm", 0.0) if reader in AFM else Instrument(KINDS.get(reader, "unknown"))
 

@@ -22,6 +22,8 @@ def key_lines(height_map: HeightMap) -> dict[str, str]:
         lines["instrument"] = instrument.kind
     if instrument.fast_axis_deg is not None:
         lines["instrument_fast_axis_deg"] = repr(instrument.fast_axis_deg)
+    if instrument.pitch_um is not None:
+        lines["instrument_pitch_um"] = repr(instrument.pitch_um)
     return lines
 
 
@@ -54,8 +56,9 @@ def stored_facts(lines: dict[str, str]) -> dict[str, Any]:
                 f"found {lines['height_reference']}", key="height_reference", allowed="allowed: substrate, relative"
             )
         facts["height_reference"] = lines["height_reference"]
-    if {"instrument", "instrument_fast_axis_deg"} & lines.keys():
-        facts["instrument"] = Instrument(lines.get("instrument", "unknown"), _angle(lines))
+    if {"instrument", "instrument_fast_axis_deg", "instrument_pitch_um"} & lines.keys():
+        pitch_um = _positive(lines, "instrument_pitch_um") if "instrument_pitch_um" in lines else None
+        facts["instrument"] = Instrument(lines.get("instrument", "unknown"), _angle(lines), pitch_um)
     return facts
 
 

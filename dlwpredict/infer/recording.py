@@ -108,7 +108,7 @@ def prepare(
     with blaming(target_name):
         _check_target(target, measured)
     require_same_grid(target, measured, (target_name, name))
-    used = measured.measured & ~near_walls(target, wall_px)
+    used = measured.measured & ~near_walls(target, seen_px(wall_px, measured))
     if not used.any():
         raise ResultError(
             f"none of {int(measured.measured.sum())} measured points lies {wall_px} px away from walls",
@@ -118,6 +118,19 @@ def prepare(
         )
     nuisances = [nuisance for nuisance in trusted(measured) if free_shift or nuisance not in LATERAL]
     return Recording(name, target, measured, used, tuple(nuisances))
+
+
+def seen_px(wall_px: int, measured: HeightMap) -> int:
+    """Return how many pixels of a map a wall reaches: as many of the instrument's, where those are wider.
+
+    Examples
+    --------
+    >>> from dlwpredict.heightmap import Instrument
+    >>> seen_px(3, HeightMap(np.zeros((4, 4)), 0.3, 0.3, instrument=Instrument(pitch_um=0.4)))
+    4
+    """
+    pitch_um = min(measured.dx_um, measured.dy_um)
+    return int(np.ceil(wall_px * max((measured.instrument.pitch_um or pitch_um) / pitch_um, 1.0) - 1e-6))
 
 
 def trusted(measured: HeightMap) -> tuple[str, ...]:

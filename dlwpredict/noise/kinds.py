@@ -16,8 +16,8 @@ has smoothed would come out three times as long."""
 
 GRAINS_PX = (0.0, 0.4, 0.5, 0.6, 0.7, 0.9, 1.2)
 """Grains that are tried, until a coarser one is less likely. Of white noise, neighbours then share 0, 4, 12, 22, 32,
-49, 64 %. Read between its pixels by cubic convolution, they share 12 % where the recording is 0.9 times as coarse as
-the map, 35 % where it is 1.2 times, 69 % where it is twice."""
+49, 64 %. Read off by `align`, they share 13 % where the recording is 0.9 times as coarse as the map, 34 % where it is
+1.2 times, 69 % where it is twice."""
 
 WITHOUT_GAIN = 2
 """Grains in a row without gain that end the search: the finest hardly differs from none, and its gain may be hidden."""
