@@ -14,6 +14,7 @@ from tests.press.__main__ import main
 from tests.press.focus import axial_weights, gauss_lorentz
 from tests.press.gauss import SIGMA_PER_FWHM, lateral, line_kernel
 from tests.press.grid import plane_grid
+from tests.press.voxels import peak
 
 ROOT = Path(__file__).parent
 PITCH = 0.4
@@ -102,6 +103,14 @@ def test_half_threshold_leaves_a_straight_edge_in_place():
 def test_part_is_highest_where_it_is_most_cross_linked():
     printed = print_part(block(), PITCH, PITCH)
     assert printed[25, 30] > printed[25, 14] > 0.7 * 5.9
+
+
+@pytest.mark.parametrize(("last", "largest"), [(12, 1.0), (9, np.exp(-0.32)), (10, np.exp(-0.08))])
+def test_the_largest_value_of_a_part_is_that_of_the_field_inside(last, largest):
+    """exp(−(x − 11)²/12.5) on the columns up to one: a parabola through a cut-off neighbour took an eighth more."""
+    x = np.arange(24.0)
+    stack = np.exp(-((x - 11.0) ** 2) / 12.5) * np.ones((5, 5, 1))
+    assert peak(stack, (x <= last) & np.ones(stack.shape, bool)) == pytest.approx(largest, rel=1e-3)
 
 
 def test_mirrors_and_turns_commute_with_printing():
