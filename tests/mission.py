@@ -39,10 +39,12 @@ def target(kind: str) -> HeightMap:
     return made[kind]()
 
 
-def recorded(effects: Sequence[dict], structures: Sequence[str], seed: int) -> list[tuple[HeightMap, HeightMap]]:
-    """Print and record the structures with these effects concealed in press or microscope."""
+def recorded(
+    effects: Sequence[dict], structures: Sequence[str], seed: int, **form: float
+) -> list[tuple[HeightMap, HeightMap]]:
+    """Print and record the structures with these effects concealed in press or microscope, the process of some form."""
     printing, measuring = by_machine(effects)
-    press, pairs = press_from({**PROCESS, "effects": list(printing)}), []
+    press, pairs = press_from({**PROCESS, **form, "effects": list(printing)}), []
     for k, kind in enumerate(structures):
         part = target(kind)
         look = {"pitch_um": [part.dx_um, part.dy_um], "pixels": list(part.shape[::-1])}
@@ -52,8 +54,10 @@ def recorded(effects: Sequence[dict], structures: Sequence[str], seed: int) -> l
     return pairs
 
 
-def answered(*effects: dict, structures: Sequence[str] = ("cin", "stairs"), seed: int = 0) -> tuple[Diagnosis, Work]:
+def answered(
+    *effects: dict, structures: Sequence[str] = ("cin", "stairs"), seed: int = 0, **form: float
+) -> tuple[Diagnosis, Work]:
     """Return what the program says of a case, and the work that it took."""
-    work = Work()
-    pairs = [prepare(part, shown, name=str(k)) for k, (part, shown) in enumerate(recorded(effects, structures, seed))]
+    work, printed = Work(), recorded(effects, structures, seed, **form)
+    pairs = [prepare(part, shown, name=str(k)) for k, (part, shown) in enumerate(printed)]
     return diagnose(pairs, ParameterSet(), seed=seed, course=Course(work=work)), work

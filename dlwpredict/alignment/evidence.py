@@ -20,15 +20,16 @@ def explained_evidence(fit: Fit) -> float:
     Recording (less a plane) and residual are each taken for a Gaussian field with a spectrum that is constant in
     rings of half an octave; by Whittle's likelihood L = Σ_rings n/2·ln(P_recording / P_residual), n the number of
     independent modes times the share of the field that was measured. Correlated residuals thus count once, and fine
-    relief on a tall block is heard beside the block. Compare poses by it, not "match" with "none": structured maps are
-    not Gaussian.
+    relief on a tall block is heard beside the block. Every measured point counts alike: the weights of a robust fit
+    leave out just what a wrong pose gets wrong. Compare poses by it, not "match" with "none": structured maps are not
+    Gaussian.
     """
     shape = fit.level.grid[0].shape
-    weights = fit.weights
-    heights, _ = _beyond(fit, fit.level.columns[:, :3], fit.weights)
+    weights = (fit.weights > 0).astype(float)
+    heights, _ = _beyond(fit, fit.level.columns[:, :3], weights)
     ring = _rings(shape)
     counted = [np.bincount(ring, _power(field * weights, shape)) for field in (heights, fit.residual)]
-    modes = np.bincount(ring) / 2 * float(np.mean(weights > 0))
+    modes = np.bincount(ring) / 2 * float(np.mean(weights))
     use = np.arange(len(modes)) > 0  # ring 0: less than one period in the field
     floor = 1e-9 * counted[0].max()
     return float(np.sum(modes[use] / 2 * np.log((counted[0][use] + floor) / (counted[1][use] + floor))))

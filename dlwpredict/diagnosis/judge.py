@@ -60,6 +60,8 @@ class Diagnosis:
         Recordings that no fit has seen.
     blemishes : tuple of Blemish
         Spots whose points were left out of everything.
+    doubted : tuple of str
+        Effects that explain more than noise, but no more than the form of the process itself might.
     not_tried : tuple of str
         Effects that no refit has tried yet although the screen points at them; empty where the search is complete.
     complete : bool
@@ -79,6 +81,7 @@ class Diagnosis:
     mismatch: tuple[np.ndarray, ...]
     holdout: tuple[Whitened, ...] = ()
     blemishes: tuple[Blemish, ...] = ()
+    doubted: tuple[str, ...] = ()
     not_tried: tuple[str, ...] = ()
     complete: bool = True
 
@@ -115,7 +118,7 @@ class Diagnosis:
         if self.extended.unexplained and self.explained < policy.EXPLAINED:
             return "unexplained"
         if not self.named:
-            return "none"
+            return "unexplained" if self.doubted else "none"
         return "identified" if len(self.named[0].names) == 1 else "ambiguous"
 
 
@@ -182,6 +185,7 @@ class Judge:
             tuple(self.mismatch),
             self.holdout,
             self.left_out,
+            tuple(search.doubted(names)),
             () if complete else tuple(sorted(set(search.first.names) - tried)),
             complete,
         )

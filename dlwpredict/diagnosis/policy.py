@@ -63,6 +63,15 @@ FORM_ERROR = 0.05
 strength has 20 times the variance that it has alone, and no formula is trusted further than that (the bound on the
 variance inflation). Two names are told apart by no less."""
 
+SPREAD, HELD = 0.25, 0.1
+"""Standard deviations of what is doubted about the process's own form: of the reach that a width of cross-linking
+stands for, as a share of it; and of κ_min from the base of a part to its top. At the detection limit they are hardly
+narrower than none at all: other values move little."""
+
+UNDOUBTED = 0.6
+"""What an error of the process's form leaves beside these doubts, as a share of what they explain: they hold between
+half and nine tenths of what calibration leaves of the press's errors of form. As much more a name must gain."""
+
 SPLITS, REPRODUCED = 5, 0.8
 """Times that recordings are halved at random, and the share of halves that must agree on a name: with eight of ten a
 name that chance puts into a half every other time passes once in twenty."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.library.candidates import Bent
+from dlwpredict.diagnosis.library.process_form import standing
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
@@ -44,6 +45,8 @@ class Search:
         Best fits by names of their effects, the baseline's own aside.
     spread : dict
         Name to the standard deviation of scores along what the effect does.
+    stood : dict
+        Fits of sets, and the share of each name's gain that stands beside the doubts about the process's own form.
     """
 
     fitter: Fitter
@@ -52,6 +55,7 @@ class Search:
     signatures: dict[Names, Signatures]
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
+    stood: dict[Names, tuple[Fit, dict[str, float]]] = field(default_factory=dict)
     first: Linearised = field(init=False)
     asked: Thresholds = field(init=False)
     screens: dict[Names, Linearised] = field(default_factory=dict)
@@ -205,9 +209,15 @@ class Search:
         return found
 
     def rested(self) -> Names:
-        """Return the best set, brought to convergence where only its quick fit was known."""
+        """Return the best set, brought to convergence where only its quick fit was known.
+
+        Each of its names stands beside what the form of the process itself may be wrong by.
+        """
         best = self.best()
-        self.converged(best)
+        while best and self.converged(best) is not self.stood.get(best, (None,))[0]:
+            model = self.fitter.objective.whole(self.fitted[best])
+            self.stood[best] = self.fitted[best], standing(model, sorted(best), self.fitter.objective)
+            best = self.best()
         return best
 
     def converged(self, names: Names) -> Fit:
@@ -234,6 +244,18 @@ class Search:
         """Return the 2 ln L that an effect of a set brings beside the others."""
         return self.without(names, name).cost - self.fitted[names].cost
 
+    def surely(self, names: Names, name: str) -> float:
+        """Return the part of a gain that the process's own form cannot have; all of it of a set not looked at yet."""
+        _, shares = self.stood.get(names, (None, {}))
+        return shares.get(name, 1.0) * self.gain(names, name)
+
+    def doubted(self, best: Names) -> list[str]:
+        """Return the effects, the likeliest first, that would gain enough beside a set were the process's form sure."""
+        more = [names for names in self.stood if names > best and len(names) == len(best) + 1]
+        more = [names for names in more if all(self.gain(names, name) >= self.needed(names, name) for name in names)]
+        more = [names for names in more if not self._admissible(names)]
+        return [name for names in sorted(more, key=lambda names: self.fitted[names].cost) for name in names - best]
+
     def width(self, gain: float, name: str, left: float = 0.0) -> float:
         """Return the temperature of a slot: how many times farther apart than by noise two names must be.
 
@@ -244,9 +266,7 @@ class Search:
 
     def _admissible(self, names: Names) -> bool:
         """Tell whether every effect of a set gains its own; and whether all together do."""
-        if not names:
-            return True
-        return all(self.gain(names, name) >= self.needed(names, name) for name in names)
+        return all(self.surely(names, name) >= self.needed(names, name) for name in names)
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
         """Return where the refit of a set begins: the model without what leaves, with what comes in.

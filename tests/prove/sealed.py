@@ -133,8 +133,9 @@ class Bare:
     @classmethod
     def of(cls, drawn: Draw, listed: Sequence[dict]) -> Bare:
         """Print some structures of a case with nothing concealed, on coarse pixels: only strengths hang on them."""
-        parts = [structures.made(one, structures.COARSE_UM) for one in listed]
-        noise = coarser(drawn.noise, drawn.raw.get("pitch_um", drawn.pitch_um), structures.COARSE_UM)
+        pitch_um = max(drawn.pitch_um, structures.FINE_ENOUGH_UM)
+        parts = [structures.made(one, pitch_um) for one in listed]
+        noise = coarser(drawn.noise, drawn.raw.get("pitch_um", drawn.pitch_um), pitch_um)
         return cls(drawn, parts, Sight.of(parts, drawn.process, noise), shown(drawn, parts, []))
 
     def shares(self, entry: dict) -> dict[str, float]:

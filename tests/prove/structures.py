@@ -14,7 +14,11 @@ PITCHES_UM, MARGIN_UM = {WHOLE: (0.2, 0.4), HALF: (0.3, 0.45)}, 4.0
 """Native pitch of the targets of a case, and the bare substrate around the part."""
 
 COARSE_UM = 0.5
-"""Pitch on which strengths are found and baselines are fitted; the structures are the same at any pitch."""
+"""Pitch on which baselines are fitted; the structures are the same at any pitch."""
+
+FINE_ENOUGH_UM = 0.35
+"""Strengths are found on the pitch of the targets, or on this one: on pixels as wide as the focus, an error of form
+shows a third of what it does on the cases' own."""
 
 HELD_OUT_UM = 0.4
 """Pitch of the structure held out, which nobody but the judge predicts."""

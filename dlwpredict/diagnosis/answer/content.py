@@ -88,6 +88,7 @@ def content_of(diagnosis: Diagnosis, profiled: Ends | None = None) -> dict[str, 
             }
             for one in diagnosis.blemishes
         ],
+        "doubted": list(diagnosis.doubted),
         "findings": [_finding(diagnosis, item, intervals) for item in diagnosis.named],
         "remainder": {
             "significant": diagnosis.extended.unexplained,

@@ -79,6 +79,11 @@ def _verdict(diagnosis: Diagnosis) -> str:
             )
         if not diagnosis.complete:
             return "Recording and prediction differ beyond noise; whether a named effect explains it is still open."
+        if diagnosis.doubted:
+            return (
+                "Recording and prediction differ beyond noise in a way that the form of the process itself may make: "
+                f"{listed(diagnosis.doubted)} would explain it no better."
+            )
         return "Recording and prediction differ beyond noise in a way that no named effect explains."
     first = diagnosis.named[0]
     gain = f"the error falls from {before:.1f} to {after:.1f} nm"
@@ -128,7 +133,17 @@ def remainder(diagnosis: Diagnosis) -> str:
     """Return what is left, in words."""
     spots = [(b.x_um, b.y_um, diagnosis.recordings[b.pair].name) for b in diagnosis.blemishes]
     said = "; ".join(f"x = {x:.1f}, y = {y:.1f} µm in {name}" for x, y, name in spots)
-    return _left(diagnosis) + (f" Left out of the fits as blemishes: {said}." if said else "")
+    parts = [_left(diagnosis)] if diagnosis.extended.unexplained or not diagnosis.doubted else []
+    parts += [f"Left out of the fits as blemishes: {said}."] if said else []
+    parts += [_doubt(diagnosis)] if diagnosis.doubted else []
+    return " ".join(parts)
+
+
+def _doubt(diagnosis: Diagnosis) -> str:
+    return (
+        f"{listed(diagnosis.doubted)} would explain more than noise; so might the form of the process itself: "
+        "cross-linking that reaches farther than a Gaussian, layers that the base holds."
+    )
 
 
 def _left(diagnosis: Diagnosis) -> str:

@@ -81,7 +81,7 @@ class Linearised:
         named = tuple(signatures.done_um)
         places = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{effect}.")] for effect in named]
         process = [k for k in range(len(model.free.names)) if all(k not in group for group in places)]
-        beside = _Beside.of(model, process)
+        beside = Beside.of(model, process)
         done = [
             model.rows.stack([model.seen(k, change) for k, change in enumerate(signatures.done_um[effect])])
             for effect in named
@@ -156,7 +156,7 @@ class Linearised:
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
+class Beside:
     """What is left of columns beside the process and the nuisances.
 
     Parameters
@@ -173,7 +173,7 @@ class _Beside:
     tangents: np.ndarray
 
     @classmethod
-    def of(cls, model: Fit, process: Sequence[int]) -> _Beside:
+    def of(cls, model: Fit, process: Sequence[int]) -> Beside:
         """Build it from the parameters that are the process's own."""
         moves = model.nuisances.beside(model.jacobian[:, list(process)])
         return cls(model, moves, _orthonormal(moves))

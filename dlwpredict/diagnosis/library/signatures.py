@@ -56,16 +56,20 @@ class Signatures:
         changes, per = workers.each(_change, jobs), len(targets)
         work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(changes))
         maps = [change for change, _ in changes]
-        done = {}
-        for name in named:
-            without = [
-                trace(t, lacking(parameters, [name]), b.numerics, b)
-                for t, b in zip(targets, fitted.traces, strict=True)
-            ]
-            work.predictions += sum(reduced.work * share for reduced, share in zip(without, shares, strict=True))
-            pairs = zip(fitted.traces, without, strict=True)
-            done[name] = [np.nan_to_num(a.heights_um - b.heights_um) for a, b in pairs]
+        done = {name: done_by(fitted, name, work) for name in named}
         return cls(fitted, chosen, [maps[k * per : (k + 1) * per] for k in range(len(chosen))], done)
+
+
+def done_by(fitted: Fit, name: str, work: Work) -> list[np.ndarray]:
+    """Return what one effect of a fit changes in every recording, µm, all others as they are; (rows, cols) each."""
+    process, changes = lacking(fitted.parameters, [name]), []
+    whole = sum(item.recording.target.heights_um.size for item in fitted.data)
+    for item, now in zip(fitted.data, fitted.traces, strict=True):
+        target = item.recording.target
+        without = trace(target, process, now.numerics, now)
+        work.predictions += without.work * target.heights_um.size / whole
+        changes.append(np.nan_to_num(now.heights_um - without.heights_um))
+    return changes
 
 
 def _change(

@@ -1,0 +1,110 @@
+"""What the process's own form may be wrong by, and how much of a name's gain stands beside it.
+
+The widths of cross-linking are means: radicals reach differently far, and no distribution of reaches is one Gaussian. A
+spread of relative size s changes a print by ½ s² ∂²h/∂(ln w)², whatever its cause: tails, kinetics of conversion, two
+kinds of radicals. And the base holds the lowest layers, so that they shrink in height otherwise than those above.
+These hold most of what calibration leaves of an error of form; the focus's own form shows beside walls, where no points
+count. They are doubted as far as their standard deviations go. An effect that explains nothing beside them is not known
+to be there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.library.score import Beside
+from dlwpredict.diagnosis.library.signatures import done_by
+from dlwpredict.infer.free import fittable
+from dlwpredict.infer.objective import Fit, Objective
+
+
+def doubts(model: Fit, objective: Objective) -> list[np.ndarray]:
+    """Return what spreads of the widths of cross-linking do to every recording, and κ_min that changes with height.
+
+    Parameters
+    ----------
+    model : Fit
+    objective : Objective
+        Predicts, and counts the work: two predictions for each.
+
+    Returns
+    -------
+    list of numpy.ndarray, shape (doubts, rows, cols)
+        µm for one standard deviation.
+    """
+    columns = [_spread(model, objective, k, size) for k, size in _spreads(model).items()]
+    if (k := model.free.index("shrinkage_min")) is not None:
+        slopes, now = objective.derivatives(model, [k]), [trace.heights_um for trace in model.traces]
+        highest = max(float(heights.max()) for heights in now)
+        columns.append([policy.HELD * one[0] * heights / highest for one, heights in zip(slopes, now, strict=True)])
+    return [np.stack(maps) for maps in zip(*columns, strict=True)] if columns else []
+
+
+def _spreads(model: Fit) -> dict[int, float]:
+    """Return the widths that may be spread, and by how much."""
+    values = enumerate(zip(model.free.names, model.vector, strict=True))
+    return {k: policy.SPREAD * value for k, (name, value) in values if name.startswith("crosslink_fwhm")}
+
+
+def _spread(model: Fit, objective: Objective, k: int, size: float) -> list[np.ndarray]:
+    """Return ½ s² ∂²h/∂θ² of every recording by a second difference, taken inside the declared range."""
+    value, declared = model.vector[k], fittable(model.free.base)[model.free.names[k]]
+    step = min(size, value - declared.low, declared.high - value)
+    if step < 0.1 * size:
+        return [np.zeros(trace.heights_um.shape) for trace in model.traces]
+    moved = [model.free.parameters(model.vector + way * step * np.eye(len(model.vector))[k]) for way in (1, -1)]
+    jobs = [(i, process, before) for i, before in enumerate(model.traces) for process in moved]
+    ends = [one.heights_um for one in objective.traces(jobs)]
+    pairs = zip(ends[::2], ends[1::2], model.traces, strict=True)
+    return [np.nan_to_num(up + down - 2 * now.heights_um) / 2 * (size / step) ** 2 for up, down, now in pairs]
+
+
+def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str, float]:
+    """Return the share of the gain of each effect of a model that the process's form cannot have, 0 to 1.
+
+    To first order, beside all other effects: what the effect gains beside the doubts, less the share of what the doubts
+    gain without it that an error of form leaves them.
+
+    Parameters
+    ----------
+    model : Fit
+        Converged, with derivatives.
+    named : sequence of str
+        Effects that a diagnosis has added.
+    objective : Objective
+    """
+    if not (maps := doubts(model, objective)):
+        return dict.fromkeys(named, 1.0)
+    own = {name: [k for k, free in enumerate(model.free.names) if free.startswith(f"{name}.")] for name in named}
+    places = [k for k in range(len(model.free.names)) if all(k not in group for group in own.values())]
+    beside = Beside.of(model, places)
+
+    def seen(changes_um: Sequence[np.ndarray]) -> np.ndarray:
+        return model.rows.stack([model.seen(k, one) for k, one in enumerate(changes_um)])
+
+    done = {name: seen(done_by(model, name, objective.work)) for name in named}
+    blocks = {name: beside(np.column_stack([done[name], model.jacobian[:, own[name]]])) for name in named}
+    residual, doubted = beside(model.residual + sum(done.values())), beside(seen(maps))
+    shares = {}
+    for name in named:
+        others = np.column_stack([doubted[:, :0], *(blocks[other] for other in named if other != name)])
+        sets = others, np.column_stack([others, blocks[name]])
+        (bare, with_it), (in_doubt, both) = (
+            [_left(residual, columns, doubt) for columns in sets] for doubt in (doubted[:, :0], doubted)
+        )
+        sure = in_doubt - both - policy.UNDOUBTED * (bare - in_doubt)
+        shares[name] = float(np.clip(sure / (bare - with_it), 0, 1)) if bare > with_it else 1.0
+    return shares
+
+
+def _left(residual: np.ndarray, columns: np.ndarray, doubted: np.ndarray) -> float:
+    """Return −2 ln L beside columns of any strength and doubted ones of strengths with standard deviation 1."""
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    matrix = np.column_stack([columns / sizes, doubted])
+    products, raw = matrix.T @ matrix, matrix.T @ residual
+    known = np.arange(len(raw)) >= len(sizes)
+    inverse = np.linalg.pinv(products + np.diag(known * 1.0), rcond=1e-9, hermitian=True)
+    return float(residual @ residual - raw @ inverse @ raw)
