@@ -210,6 +210,23 @@ class TestSearch:
             found = search({CURL: 1000.0, FIELD: 10.0, CURL + FIELD: 1000.0 + more}, field_curvature=2.0)
             assert found.best() == names
 
+    def test_one_effect_alone_pays_for_no_form(self):
+        found = search({CURL: 1000.0})
+        assert [found.price(effects) for effects in (0, 1, 2)] == [0, 12, 12 + 7 + 50]
+
+    def test_a_name_must_gain_what_the_process_itself_cannot_have(self):
+        """Of 40, 12 must stand: three tenths. Else the next best is taken; what falls for this alone is doubted."""
+        found = search({CURL: 40.0, FIELD: 30.0, DARK: 5.0})
+        for share, best, doubted in ((0.31, {"curl"}, []), (0.29, {"field-curvature"}, [])):
+            found.stood = {frozenset(CURL): (found.fitted[frozenset(CURL)], {"curl": share})}
+            assert (found.best(), found.doubted(found.best())) == (best, doubted)
+        for name in (CURL, FIELD, DARK):
+            found.stood[frozenset(name)] = found.fitted[frozenset(name)], {name[0]: 0.1}
+        assert found.best() == frozenset()
+        assert found.doubted(frozenset()) == ["curl", "field-curvature"]
+        found.stood[frozenset(FIELD)] = found.fitted[frozenset(FIELD)], {"field-curvature": 1.0}
+        assert found.doubted(frozenset()) == ["curl"]
+
     def test_what_further_effects_promise_is_what_refits_have_shown(self, monkeypatch):
         found = search({CURL: 30.0, FIELD: 20.0, CURL + FIELD: 50.0})
         found.screen = lambda names: SimpleNamespace(cost=1000.0)

@@ -14,7 +14,7 @@ from dlwpredict.files.atomic import write_text
 from tests.prove import figures
 from tests.prove.judge import CONCEALMENTS
 from tests.prove.linear import LIMIT_Z
-from tests.prove.structures import COARSE_UM, HALF, PITCHES_UM, WHOLE
+from tests.prove.structures import FINE_ENOUGH_UM, HALF, PITCHES_UM, WHOLE
 from tests.prove.table import Row, limits, rows, wrong_form
 
 HEAD = """# Proof on concealed effects
@@ -34,9 +34,9 @@ model (focus with tails, conversion that follows the dose, layers that the base 
 
 The *detection limit* of a case: the strength at which the change of its recordings, beside everything that the seven
 parameters, levelling and registration may take of it, stands {limit:g} standard deviations out of the (true) noise, on
-pixels of {coarse:g} um. Strengths are 0.3 to 5 times that, as far as the effect's range reaches, errors of form beside
-other things 0.3 to 3 times. Half of the effects that have one are printed by the press's longer physics instead of the
-library's formula.
+the targets' own pixels or on {coarse:g} um, whichever are wider. Strengths are 0.3 to 5 times that, as far as the
+effect's range reaches, errors of form beside other things 0.3 to 3 times. Half of the effects that have one are printed
+by the press's longer physics instead of the library's formula.
 
 Every number below stands in [`summary.json`](summary.json) with the names of the cases that it counts, and every case,
 with truth and answer, in [`cases.json`](cases.json). Median CPU time of a diagnosis: {seconds:.0f} s; program
@@ -88,7 +88,7 @@ def text(results: Sequence[Mapping], lines: Sequence[Row], seal: Mapping, *, com
     every_case = len(seal["cases"])
     head = HEAD.format(
         all=every_case, count=len(results), kinds=counts, command=command, seed=seal["seed"], limit=LIMIT_Z,
-        whole="{} to {}".format(*PITCHES_UM[WHOLE]), half="{} to {}".format(*PITCHES_UM[HALF]), coarse=COARSE_UM,
+        whole="{} to {}".format(*PITCHES_UM[WHOLE]), half="{} to {}".format(*PITCHES_UM[HALF]), coarse=FINE_ENOUGH_UM,
         seconds=seconds, version=__version__, code=seal["code"][:16],
         rest="; time ended before the others, in an order that the seal holds" * (len(results) < every_case),
     )  # fmt: skip

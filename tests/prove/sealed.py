@@ -29,7 +29,7 @@ from tests.press.sampling import Surface
 from tests.prove import structures
 from tests.prove.hidden import FORM, Hidden, of_press
 from tests.prove.linear import LIMIT_Z, Sight, coarser
-from tests.prove.mix import FULL, WEAKEST, Draw, draw, name_of
+from tests.prove.mix import FULL, STRONGEST, WEAKEST, Draw, draw, name_of
 
 FINER, FINEST_UM = 2, 0.14
 """The press prints the targets' pixels as squares of this many pixels a side (0.5 nm from the limit of many on pixels
@@ -224,7 +224,7 @@ def concealed(drawn: Draw) -> tuple[list[dict], dict | None]:
     bare, effects, spare = Bare.of(drawn, drawn.limit_on), [], list(drawn.spare)
     for hidden, times in zip(drawn.hidden, drawn.times, strict=True):
         one = strength(hidden, times, bare)
-        while one["times"] < drawn.least and spare:
+        while not drawn.least <= one["times"] <= 2 * STRONGEST and spare:
             one = strength(spare.pop(0), times, bare)
         effects.append(one)
     form = strength(drawn.form, drawn.form_times, bare, NEAR) if drawn.form else None

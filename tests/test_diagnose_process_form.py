@@ -1,0 +1,92 @@
+"""What the process's own form may be wrong by: its directions, and what of a name's gain stands beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dlwpredict import designs
+from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.library.process_form import doubts, standing
+from dlwpredict.effects import library
+from dlwpredict.infer.free import choose, with_values
+from dlwpredict.infer.model import freed
+from dlwpredict.infer.objective import Objective
+from dlwpredict.infer.recording import prepare
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
+from tests.mission import answered
+
+TRUTH = ParameterSet(paper=Paper(0.55, 1.7, 0.45, 6.0, 7.0, 0.74, 0.96))
+
+
+@pytest.fixture(scope="module")
+def part():
+    return designs.air(size_um=24.0, pitch_um=0.5, margin_um=4.0, seed=2)
+
+
+def model_of(part, shown_um, parameters):
+    """Return a recording of these heights, and the model with its effects as they are given, differentiated."""
+    recording = prepare(part, part.with_heights(shown_um))
+    objective = Objective((Whitened.of(recording, Uneven(Noise(0.003, 0.0, part.dx_um, part.dx_um, part.dy_um))),))
+    free = freed(parameters, choose(TRUTH))
+    return objective.differentiated(objective.at(free, free.start)), objective
+
+
+def test_a_spread_of_reaches_is_the_mean_of_prints_with_these_reaches(part):
+    """Of reaches w(1 ± s), half each: to second order the print is that of w and one unit of the doubt."""
+    model, objective = model_of(part, predict(part, TRUTH).heights_um, TRUTH)
+    before = objective.work.predictions
+    spread, deeper, _ = doubts(model, objective)[0]
+    work = objective.work.predictions - before
+    ends = [
+        predict(part, with_values(TRUTH, {"crosslink_fwhm_xy_um": 6.0 * (1 + way * policy.SPREAD)})).heights_um
+        for way in (1, -1)
+    ]
+    expected = sum(ends) / 2 - predict(part, TRUTH).heights_um
+    np.testing.assert_allclose(spread, expected, atol=2e-4)
+    assert np.abs(expected).max() > 0.005
+    assert 0 < np.abs(deeper).max() < np.abs(expected).max()
+    assert work < 4
+
+
+def test_the_base_holds_the_lowest_layers(part):
+    """κ_min that grows by HELD from base to top: what one standard deviation of κ_min does, times the height."""
+    model, objective = model_of(part, predict(part, TRUTH).heights_um, TRUTH)
+    held, printed = doubts(model, objective)[0][-1], predict(part, TRUTH).heights_um
+    more = predict(part, with_values(TRUTH, {"shrinkage_min": 0.74 + 0.02})).heights_um
+    expected = policy.HELD * (more - printed) / 0.02 * printed / printed.max()
+    np.testing.assert_allclose(held, expected, atol=1e-4)
+
+
+def test_a_width_at_the_end_of_its_range_is_not_spread(part):
+    parameters = replace(TRUTH, paper=replace(TRUTH.paper, crosslink_fwhm_z_um=30.0))
+    model, objective = model_of(part, predict(part, parameters).heights_um, parameters)
+    assert not doubts(model, objective)[0][1].any()
+
+
+def test_what_a_spread_of_reaches_explains_is_no_names_gain(part):
+    """A print whose radicals reach differently far, beside a model with vignetting: nothing of its gain stands."""
+    model, objective = model_of(part, predict(part, TRUTH).heights_um, TRUTH)
+    spread = doubts(model, objective)[0][0]
+    dark = replace(TRUTH, effects=(library()["vignetting"](strength=0.05),))
+    model, objective = model_of(part, model.traces[0].heights_um + spread, dark)
+    assert standing(model, ["vignetting"], objective)["vignetting"] == 0.0
+
+
+def test_what_no_spread_of_reaches_makes_stands_whole(part):
+    turned = replace(TRUTH, effects=(library()["astigmatism"](log_ratio=0.2),))
+    model, objective = model_of(part, predict(part, turned).heights_um, turned)
+    assert standing(model, ["astigmatism"], objective)["astigmatism"] > 0.9
+
+
+@pytest.mark.slow
+def test_radicals_that_reach_farther_than_a_gaussian_are_no_effect():
+    """The press's tails of cross-linking were named vignetting with a curved focal surface."""
+    found, _ = answered(crosslink_tails=0.2)
+    assert found.verdict == "unexplained"
+    assert not found.named
+    assert "vignetting" in found.doubted
