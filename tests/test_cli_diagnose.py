@@ -243,8 +243,12 @@ def test_the_strangest_pattern_describes_what_is_left(wave, spot, lines, kind, s
     )
     model = SimpleNamespace(unexplained=True, patterns=patterns, structure_um=0.009)
     recordings = [SimpleNamespace(name=name) for name in ("waves.tif", "dust.tif", "lines.tif")]
-    found = SimpleNamespace(extended=model, recordings=recordings, named=(), blemishes=())
+    found = SimpleNamespace(extended=model, recordings=recordings, named=(), blemishes=(), doubted=())
     assert remainder(found).startswith(said)
     found.blemishes = (SimpleNamespace(pair=1, x_um=1.25, y_um=-2.0),)
     assert remainder(found).endswith("Left out of the fits as blemishes: x = 1.2, y = -2.0 µm in dust.tif.")
     assert kind_of_remainder(found) == kind
+    found.doubted = ("curl",)
+    assert "curl would explain more than noise; so might the form of the process itself" in remainder(found)
+    found.extended, found.blemishes = SimpleNamespace(unexplained=False), ()
+    assert remainder(found).startswith("curl would explain"), "noise is not all that is left"
