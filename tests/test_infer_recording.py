@@ -32,7 +32,7 @@ def printed(air) -> HeightMap:
     return predict(air, TRUTH)
 
 
-@pytest.mark.parametrize(("recorded_um", "reach_px"), [(None, 3), (0.25, 3), (0.6, 4), (1.0, 6)])
+@pytest.mark.parametrize(("recorded_um", "reach_px"), [(None, 3), (0.25, 3), (0.51, 3), (0.6, 4), (1.0, 6)])
 def test_a_wall_reaches_three_pixels_of_the_wider_kind(air, printed, recorded_um, reach_px):
     seen = replace(printed, instrument=Instrument(pitch_um=recorded_um))
     np.testing.assert_array_equal(prepare(air, seen).used, ~near_walls(air, reach_px))

@@ -18,6 +18,9 @@ from dlwpredict.process import check_target
 FEWEST_POINTS = 500
 """Measured points on the part that a fit must at least have, all recordings together."""
 
+SLIGHTLY = 0.2
+"""Pixels that a wall does not reach farther for: the scales of target and recording differ by as much."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -130,7 +133,7 @@ def seen_px(wall_px: int, measured: HeightMap) -> int:
     4
     """
     pitch_um = min(measured.dx_um, measured.dy_um)
-    return int(np.ceil(wall_px * max((measured.instrument.pitch_um or pitch_um) / pitch_um, 1.0) - 1e-6))
+    return int(np.ceil(wall_px * max((measured.instrument.pitch_um or pitch_um) / pitch_um, 1.0) - SLIGHTLY))
 
 
 def trusted(measured: HeightMap) -> tuple[str, ...]:
