@@ -37,3 +37,20 @@ def test_a_mean_over_a_pixel_is_the_pixel():
     np.testing.assert_allclose(read_means(heights, place, (1.0, 1.0)), heights[np.ix_([2, 4], [3, 5])], atol=1e-12)
     both = (heights[2, 3] + heights[2, 4]) / 2
     np.testing.assert_allclose(read_means(heights, np.array([2.0, 3.5]), (1.0, 2.0)), both, atol=1e-12)
+
+
+def test_waves_of_few_pixels_are_read_from_six():
+    """A wave of eight pixels, means sin(kx)·sinc(k/2): cubics are wrong by 8e-3 of it, quintics by 1e-3."""
+    k, col = 2 * np.pi / 8, np.arange(40.0) + np.zeros((8, 1))
+    means = np.sin(k * col) * np.sinc(k / 2 / np.pi)
+    x = np.linspace(12, 28, 33)
+    left = read_means(means, np.stack([np.full(33, 4.0), x]), (1.0, 1.0)) - np.sin(k * x) * np.sinc(k / 2 / np.pi)
+    assert np.abs(left).max() < 1.2e-3
+
+
+def test_beside_a_wall_four_count():
+    wall = np.where(np.arange(20) < 10, 1.0, 6.0) + np.zeros((8, 1))
+    x = np.array([7.4, 7.9, 11.1, 11.6])
+    assert read_means(wall, np.stack([np.full(4, 4.0), x]), (1.0, 1.0)).tolist() == pytest.approx(
+        [1, 1, 6, 6], abs=1e-12
+    )

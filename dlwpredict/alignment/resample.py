@@ -26,8 +26,8 @@ def resample(surface: Surface, hull: np.ndarray, target: HeightMap, pose: Pose) 
 
     Each target point is the mean over its pixel, read off the recording's pixels, which are means over theirs: in one
     piece, or in n × n where the pixel is wider than two of the recording's. No piece takes pixels farther away than
-    two: a wall leaves no trace beyond. Less than half of a pixel measured: marked as filled. Less than half of it
-    inside the measured hull: NaN.
+    three, beside walls two: a wall leaves no trace beyond. Less than half of a pixel measured: marked as filled. Less
+    than half of it inside the measured hull: NaN.
 
     Parameters
     ----------

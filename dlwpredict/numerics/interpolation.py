@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 
@@ -31,9 +33,11 @@ def read_locally(plane: np.ndarray, place: np.ndarray) -> np.ndarray:
 def read_means(plane: np.ndarray, place: np.ndarray, width_px: tuple[float, float]) -> np.ndarray:
     """Read means over rectangles from a plane whose values are means over its pixels.
 
-    Along each axis, the cubic that has the means of the four nearest pixels is averaged over the rectangle (the
-    reconstruction of finite volumes: Colella & Woodward, J. Comput. Phys. 54, 174, 1984, Eq. 1.6, on four cells): exact
-    for cubics, whether the rectangle is wider than a pixel or narrower.
+    Along each axis, the polynomial that has the means of the nearest pixels is averaged over the rectangle, wider or
+    narrower than a pixel (the reconstruction of finite volumes: Colella & Woodward, J. Comput. Phys. 54, 174, 1984,
+    Eq. 1.6): of four pixels, exact for cubics; of six, exact for quintics, where both agree to `SMOOTH` of what the
+    surface rises within the four. Beside a wall they do not: then only four count, and a wall leaves no trace beyond
+    two pixels.
 
     Parameters
     ----------
@@ -50,9 +54,18 @@ def read_means(plane: np.ndarray, place: np.ndarray, width_px: tuple[float, floa
     >>> read_means(squares, np.array([[3.0, 3.5], [2.5, 4.0]]), (1.0, 2.0)).round(9).tolist()
     [6.583333333, 16.333333333]
     """
-    sides = zip(place, plane.shape, width_px, strict=True)
-    (rows, up), (cols, across) = (_mean_taps(line, count, width) for line, count, width in sides)
-    return _weighted(plane, rows, up, cols, across)
+    four, six = (
+        [_mean_taps(line, n, width, count) for line, n, width in zip(place, plane.shape, width_px, strict=True)]
+        for count in (4, 6)
+    )
+    near, far = (_weighted(plane, *rows, *cols) for rows, cols in (four, six))
+    corners = [plane[rows[i], cols[j]] for rows, cols in ((four[0][0], four[1][0]),) for i in (0, -1) for j in (0, -1)]
+    rise = np.max(corners, axis=0) - np.min(corners, axis=0)
+    return np.where(np.abs(far - near) <= SMOOTH * rise, far, near)
+
+
+SMOOTH = 0.02
+"""Share of the rise within four pixels by which a quintic may differ from a cubic on a surface that pixels resolve."""
 
 
 def _weighted(plane: np.ndarray, rows: np.ndarray, up: np.ndarray, cols: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -64,26 +77,27 @@ def _weighted(plane: np.ndarray, rows: np.ndarray, up: np.ndarray, cols: np.ndar
     )
 
 
-FOUR, POWERS = np.arange(-1.0, 3.0), np.arange(1, 5)
-"""The four nearest pixels, from that at or before a place; and the powers of the primitive of a cubic."""
-
-
-def _mean_of_powers(centre: np.ndarray, width: float) -> np.ndarray:
-    """Return the means of 1, t, t², t³ over an interval about each centre, shape (4, ...)."""
+def _mean_of_powers(centre: np.ndarray, width: float, count: int) -> np.ndarray:
+    """Return the means of 1, t, …, t^(count − 1) over an interval about each centre, shape (count, ...)."""
+    powers = np.arange(1, count + 1)
     ends = (centre + side * width / 2 for side in (1, -1))
-    high, low = (np.stack([end**power for power in POWERS]) for end in ends)
-    return (high - low) / width / POWERS.reshape(-1, *[1] * np.ndim(centre))
+    high, low = (np.stack([end**power for power in powers]) for end in ends)
+    return (high - low) / width / powers.reshape(-1, *[1] * np.ndim(centre))
 
 
-FROM_MEANS = np.linalg.inv(_mean_of_powers(FOUR, 1.0).T)
-"""From the means over four pixels to the coefficients of the cubic that has them."""
+@cache
+def _nearest(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places of the nearest pixels, t = 0 among them, and what makes a polynomial of their means."""
+    places = np.arange(count) - (count // 2 - 1.0)
+    return places, np.linalg.inv(_mean_of_powers(places, 1.0, count).T)
 
 
-def _mean_taps(place: np.ndarray, count: int, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the four nearest pixels along one axis and their weights in a mean, shape (4, ...) each."""
+def _mean_taps(place: np.ndarray, n: int, width: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest pixels along one axis and their weights in a mean, shape (count, ...) each."""
+    places, from_means = _nearest(count)
     first = np.floor(place).astype(int)
-    weights = np.tensordot(FROM_MEANS.T, _mean_of_powers(place - first, width), axes=1)
-    return np.clip(np.add.outer(FOUR.astype(int), first), 0, count - 1), weights
+    weights = np.tensordot(from_means.T, _mean_of_powers(place - first, width, count), axes=1)
+    return np.clip(np.add.outer(places.astype(int), first), 0, n - 1), weights
 
 
 def _taps(place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
