@@ -71,8 +71,7 @@ class Surface:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Read means over rectangles about points from the centre, the heights being means over their pixels; support.
 
-        From the four nearest pixels along each axis: a spline is more exact on waves of few pixels, but rings several
-        pixels deep at walls.
+        From the nearest pixels along each axis (`read_means`): a spline rings several pixels deep at walls.
 
         Parameters
         ----------
