@@ -1,14 +1,18 @@
 """The steps of the alignment, each against a truth that can be derived."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dlwpredict import designs
 from dlwpredict.alignment import align
+from dlwpredict.alignment.evidence import explained_evidence
 from dlwpredict.alignment.fill import fill, inside_hull
 from dlwpredict.alignment.level import find_plane, substrate
 from dlwpredict.alignment.plane import plane_columns, robust_fit
 from dlwpredict.alignment.pose import Pose, rotation_matrix
+from dlwpredict.alignment.refine import Level, refine
 from dlwpredict.alignment.resample import prepared, resample
 from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.alignment.uncertainty import block_covariance
@@ -191,3 +195,16 @@ def test_offset_and_tilt_are_told_at_the_recordings_centre():
     np.testing.assert_allclose(found.pose.shift_um, (0.0, 4.0), atol=0.01)
     np.testing.assert_allclose(found.tilt_mrad, (20.0, -10.0), atol=0.05)
     assert found.offset_um == pytest.approx(2.0, abs=2e-3)
+
+
+def test_what_a_robust_fit_leaves_out_counts_where_poses_are_compared():
+    """A pose that misses a feature has its points weighted down; the mirrored one of a part with steps won by that."""
+    part = designs.stairs(size_um=20.0, pitch_um=0.4, margin_um=4.0)
+    surface = prepared(part, np.ones(part.shape, bool))
+    fit = refine(Level.of(surface, surface, 0.4), Pose.rigid((0.3, 0.1), 1.0), "rigid", turns=1)
+    deaf = replace(fit, weights=fit.weights * np.where(np.abs(fit.residual) > np.std(fit.residual), 0.01, 1.0))
+    assert explained_evidence(deaf) == pytest.approx(explained_evidence(fit))
+    lost = replace(fit, weights=np.where(np.arange(len(fit.weights)) % 2, fit.weights, 0.0))
+    assert explained_evidence(lost) != pytest.approx(explained_evidence(fit), rel=0.05), (
+        "what was not measured has no say"
+    )

@@ -69,8 +69,9 @@ stands for, as a share of it; and of κ_min from the base of a part to its top. 
 narrower than none at all: other values move little."""
 
 UNDOUBTED = 0.6
-"""What an error of the process's form leaves beside these doubts, as a share of what they explain: they hold between
-half and nine tenths of what calibration leaves of the press's errors of form. As much more a name must gain."""
+"""What an error of the process's form leaves beside these doubts, as a share of what they explain. Of what calibration
+leaves of the press's errors of form they hold 0.76 in the median of 24 cases, 0.58 or more in nine of ten, and once
+0.12: 0.6 is what is left where they hold five eighths. As much more a name must gain."""
 
 SPLITS, REPRODUCED = 5, 0.8
 """Times that recordings are halved at random, and the share of halves that must agree on a name: with eight of ten a

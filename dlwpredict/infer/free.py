@@ -125,6 +125,10 @@ class Free:
             beyond, self.high, np.minimum(high, self.high)
         )
 
+    def of_effect(self, name: str) -> list[int]:
+        """Return the places of the parameters of an effect in the vector."""
+        return [k for k, flat in enumerate(self.names) if flat.startswith(f"{name}.")]
+
     def index(self, name: str) -> int | None:
         """Return the place of a parameter in the vector, None if it is fixed."""
         return self.names.index(name) if name in self.names else None

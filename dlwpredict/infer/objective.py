@@ -156,6 +156,10 @@ class Fit:
         """Whiten changes of the prediction of recording k (..., rows, cols) where registration has put it."""
         return self.data[k].white(self.data[k].registered(changes_um, self.coefficients[k]))
 
+    def seen_in_all(self, changes_um: Sequence[np.ndarray]) -> np.ndarray:
+        """Whiten changes of the predictions, one (..., rows, cols) for each recording; shape (rows, ...)."""
+        return self.rows.stack([self.seen(k, changes) for k, changes in enumerate(changes_um)])
+
     def residual_um(self, k: int) -> np.ndarray:
         """Return recording − prediction with nuisances, NaN where a point does not count, shape (rows, cols)."""
         recording = self.data[k].recording

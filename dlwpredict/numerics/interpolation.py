@@ -6,6 +6,10 @@ from functools import cache
 
 import numpy as np
 
+SMOOTH = 0.02
+"""Share of the rise from corner to corner of four pixels by which a quintic may differ from a cubic on a surface that
+pixels resolve."""
+
 
 def read_locally(plane: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Read a plane by cubic convolution (Keys, IEEE Trans. ASSP 29, 1153, 1981; a = −½): exact for parabolas.
@@ -36,8 +40,8 @@ def read_means(plane: np.ndarray, place: np.ndarray, width_px: tuple[float, floa
     Along each axis, the polynomial that has the means of the nearest pixels is averaged over the rectangle, wider or
     narrower than a pixel (the reconstruction of finite volumes: Colella & Woodward, J. Comput. Phys. 54, 174, 1984,
     Eq. 1.6): of four pixels, exact for cubics; of six, exact for quintics, where both agree to `SMOOTH` of what the
-    surface rises within the four. Beside a wall they do not: then only four count, and a wall leaves no trace beyond
-    two pixels.
+    surface rises between the corners of the four. Beside a wall they do not: then only four count, and a wall leaves
+    no trace beyond two pixels.
 
     Parameters
     ----------
@@ -59,13 +63,10 @@ def read_means(plane: np.ndarray, place: np.ndarray, width_px: tuple[float, floa
         for count in (4, 6)
     )
     near, far = (_weighted(plane, *rows, *cols) for rows, cols in (four, six))
-    corners = [plane[rows[i], cols[j]] for rows, cols in ((four[0][0], four[1][0]),) for i in (0, -1) for j in (0, -1)]
+    (rows, _), (cols, _) = four
+    corners = [plane[rows[i], cols[j]] for i in (0, -1) for j in (0, -1)]
     rise = np.max(corners, axis=0) - np.min(corners, axis=0)
     return np.where(np.abs(far - near) <= SMOOTH * rise, far, near)
-
-
-SMOOTH = 0.02
-"""Share of the rise within four pixels by which a quintic may differ from a cubic on a surface that pixels resolve."""
 
 
 def _weighted(plane: np.ndarray, rows: np.ndarray, up: np.ndarray, cols: np.ndarray, across: np.ndarray) -> np.ndarray:

@@ -24,8 +24,8 @@ WEAKEST, STRONGEST = 0.3, 5.0
 """Strengths are drawn between these multiples of the detection limit, uniform in the logarithm."""
 
 CLEAR, SPARE = 1.5, 4
-"""In every second pair both effects are to reach this multiple; where one cannot, another takes its place, of so many
-that are drawn besides."""
+"""In every second pair both effects are to reach this multiple; where one cannot, or is twice the strongest at whatever
+value was tried, another takes its place, of so many that are drawn besides."""
 
 MILD = 0.3, 3.0
 """What calibration leaves of an error of form beside other things, in multiples of the detection limit."""
@@ -87,7 +87,7 @@ class Draw:
     form_times : float
         What calibration leaves of that, in multiples of the detection limit.
     spare : tuple of Hidden
-        Effects that take the place of those that cannot reach `least`.
+        Effects that take the place of those that cannot reach `least`, or are far stronger at any value.
     least : float
         Multiple that both effects of a pair are to reach.
     raw : dict

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.score import Beside
+from dlwpredict.diagnosis.library.score import Beside, process_of
 from dlwpredict.diagnosis.library.signatures import done_by
 from dlwpredict.infer.free import fittable
 from dlwpredict.infer.objective import Fit, Objective
@@ -78,16 +78,11 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
     """
     if not (maps := doubts(model, objective)):
         return dict.fromkeys(named, 1.0)
-    own = {name: [k for k, free in enumerate(model.free.names) if free.startswith(f"{name}.")] for name in named}
-    places = [k for k in range(len(model.free.names)) if all(k not in group for group in own.values())]
-    beside = Beside.of(model, places)
-
-    def seen(changes_um: Sequence[np.ndarray]) -> np.ndarray:
-        return model.rows.stack([model.seen(k, one) for k, one in enumerate(changes_um)])
-
-    done = {name: seen(done_by(model, name, objective.work)) for name in named}
-    blocks = {name: beside(np.column_stack([done[name], model.jacobian[:, own[name]]])) for name in named}
-    residual, doubted = beside(model.residual + sum(done.values())), beside(seen(maps))
+    beside = Beside.of(model, process_of(model, named))
+    done = {name: model.seen_in_all(done_by(model, name, objective.work)) for name in named}
+    tangents = {name: model.jacobian[:, model.free.of_effect(name)] for name in named}
+    blocks = {name: beside(np.column_stack([done[name], tangents[name]])) for name in named}
+    residual, doubted = beside(model.residual + sum(done.values())), beside(model.seen_in_all(maps))
     shares = {}
     for name in named:
         others = np.column_stack([doubted[:, :0], *(blocks[other] for other in named if other != name)])

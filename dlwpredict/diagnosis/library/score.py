@@ -79,13 +79,10 @@ class Linearised:
     def of(cls, signatures: Signatures, model: Fit, null: Null, objective: Objective) -> Linearised:
         """Linearise about a model at (or very near) the place of the signatures."""
         named = tuple(signatures.done_um)
-        places = [[k for k, name in enumerate(model.free.names) if name.startswith(f"{effect}.")] for effect in named]
-        process = [k for k in range(len(model.free.names)) if all(k not in group for group in places)]
+        places = [model.free.of_effect(effect) for effect in named]
+        process = process_of(model, named)
         beside = Beside.of(model, process)
-        done = [
-            model.rows.stack([model.seen(k, change) for k, change in enumerate(signatures.done_um[effect])])
-            for effect in named
-        ]
+        done = [model.seen_in_all(signatures.done_um[effect]) for effect in named]
         residual = beside(model.residual + sum(done)) if done else beside(model.residual)
         columns = [beside(np.column_stack([d, model.jacobian[:, o]])) for d, o in zip(done, places, strict=True)]
         ends = np.cumsum([0, *(block.shape[1] for block in columns)])
@@ -207,14 +204,18 @@ class Beside:
         for first in range(0, count, COLUMNS_AT_ONCE):
             some = slice(first, first + COLUMNS_AT_ONCE)
             maps = zip(*signatures.maps_um[some], strict=True)
-            seen = model.nuisances.beside(
-                model.rows.stack([model.seen(k, np.stack(own)) for k, own in enumerate(maps)])
-            )
+            seen = model.nuisances.beside(model.seen_in_all([np.stack(own) for own in maps]))
             beside = self(seen)
             left[:, some], lengths[some] = beside, np.linalg.norm(beside, axis=0)
             whole[some] = np.linalg.norm(seen, axis=0)
             answers[:, some] = -(answering @ seen) / sizes[:, None]
         return left, lengths, whole, answers
+
+
+def process_of(model: Fit, named: Sequence[str]) -> list[int]:
+    """Return the places of the parameters that belong to none of some effects: those of the process."""
+    own = {k for effect in named for k in model.free.of_effect(effect)}
+    return [k for k in range(len(model.free.names)) if k not in own]
 
 
 def _products(columns: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
