@@ -346,6 +346,18 @@ class TestTarget:
         inside = np.s_[8 + 5 : -8 - 5, 8 + 5 : -8 - 5]
         np.testing.assert_allclose(shifted[inside], expected[5:-5, 5:-5], atol=1e-4)
 
+    @pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.9, 1.0])
+    def test_a_pixel_that_a_seam_cuts_is_shifted_with_the_part_behind_it(self, target, share):
+        here = 30
+        seam = target.x_um[here] + PITCH * (0.5 - share)
+        cut = self.written(target, effect("stitching", shift_x_um=0.1, seam_um=seam))
+        whole = self.written(target, effect("stitching", shift_x_um=0.1, seam_um=-100.0))
+        before, after, h = np.s_[:, :here], np.s_[:, here + 1 :], target.heights_um
+        np.testing.assert_allclose(cut[before], h[before], atol=1e-12)
+        np.testing.assert_allclose(cut[after], whole[after], atol=1e-12)
+        expected = h[:, here] + share * (whole - h)[:, here]
+        np.testing.assert_allclose(cut[:, here], expected, atol=1e-12)
+
     @pytest.mark.parametrize("width", [0.25, 1.0, 3.3])
     def test_overlap_has_its_width_at_every_pitch(self, target, width):
         dose = effect("stitching", overlap=0.2, width_um=width, seam_um=0.13).intensity(target, 1.0)

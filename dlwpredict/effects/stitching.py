@@ -36,7 +36,7 @@ def shifted(target: HeightMap, shift_x_um: float, shift_y_um: float) -> np.ndarr
 class Stitching(DoseEffect):
     """Every second block is displaced, and a strip along each seam is written twice, D = 1 + overlap.
 
-    A pixel that a seam cuts has the step with the part of it that lies behind.
+    A pixel that a seam cuts has step and shift with the part of it that lies behind.
     """
 
     name = "stitching"
@@ -72,7 +72,9 @@ class Stitching(DoseEffect):
         behind = np.clip(distance / pixel + 0.5, 0, 1)
         heights = target.heights_um
         if self.shift_x_um or self.shift_y_um:
-            heights = np.where(behind >= 0.5, shifted(target, self.shift_x_um, self.shift_y_um), heights)
+            there = shifted(target, self.shift_x_um, self.shift_y_um)
+            both = (there > 0) & (heights > 0)
+            heights = np.where(both, heights + behind * (there - heights), np.where(behind >= 0.5, there, heights))
         moved = target.with_heights(heights)
         return where_written(moved, heights + self.step_um * behind)
 
