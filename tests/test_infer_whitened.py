@@ -84,7 +84,7 @@ class TestNuisances:
 
     def test_registration_goes_no_further_than_a_pixel(self):
         item = item_of(*2 * (designs.cin(size_um=20, pitch_um=0.5, margin_um=2),))
-        far = np.array([9.0 * name.startswith("shift") for name in item.nuisances])
+        far = item.shift_in(np.array([9.0 * name.startswith("shift") for name in item.nuisances]))
         assert item.shifted_by(far).shift_um == (0.5, 0.5)
         near = replace(item, shift_um=(0.1, -0.2)).shifted_by(0.01 * far)
         assert near.shift_um == pytest.approx((0.19, -0.11))

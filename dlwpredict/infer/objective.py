@@ -14,7 +14,7 @@ import numpy as np
 
 from dlwpredict.infer import priors
 from dlwpredict.infer.free import Free, fittable
-from dlwpredict.infer.priors import NUISANCES, PARAMETERS, SHIFTS, Prior
+from dlwpredict.infer.priors import NUISANCES, PARAMETERS, Prior
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.trace import Trace, trace
 from dlwpredict.infer.whitened import Whitened
@@ -28,6 +28,9 @@ STEP_OF_VALUE = 0.02
 
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less: a thousandth of a pixel."""
+
+LONGER = 0.5, 2.0
+"""Factors on a step of it."""
 
 
 def nothing(*_: object) -> None:
@@ -302,13 +305,22 @@ class _Registered:
 
 
 def registered(item: Whitened, predicted_um: np.ndarray) -> _Registered:
-    """Fit a recording's own nuisances, priors included, and move its registration along with them."""
+    """Fit a recording's own nuisances, priors included, and move its registration along with them.
+
+    A step is linear, and the residual bends what it goes along: the second and later ones are as much longer or shorter
+    as the step before has shown (secant).
+    """
+    before, moved, factor = np.zeros(2), np.zeros(2), 1.0
     for _ in range(REGISTRATIONS):
         solution = _nuisances_fitted(item, predicted_um)
-        steps = [c for name, c in zip(item.nuisances, solution.coefficients, strict=True) if name in SHIFTS]
-        if not steps or np.abs(steps).max() < REGISTERED_UM:
+        step = item.shift_in(solution.coefficients)
+        if along := float((before - step) @ moved):
+            factor = float(np.clip(moved @ moved / along, *LONGER)) if along > 0 else 1.0
+        further = item.shifted_by(factor * step)
+        before, moved = step, np.subtract(further.shift_um, item.shift_um)
+        if np.abs(moved).max() < REGISTERED_UM:
             break
-        item = item.shifted_by(solution.coefficients)
+        item = further
     return solution
 
 

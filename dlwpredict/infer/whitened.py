@@ -163,9 +163,12 @@ class Whitened:
         across, upwards = np.tensordot(lateral, displacements(grid), axes=1)
         return moved - across * right - upwards * up
 
-    def shifted_by(self, coefficients: np.ndarray) -> Whitened:
-        """Return the recording with its registration moved by its shift coefficients, by at most a pixel in all."""
+    def shift_in(self, coefficients: np.ndarray) -> np.ndarray:
+        """Return the shift among coefficients of the nuisances, (x, y) in µm; 0 where none is free."""
         values = dict(zip(self.nuisances, coefficients, strict=True))
+        return np.array([values.get(name, 0.0) for name in SHIFTS])
+
+    def shifted_by(self, step_um: np.ndarray) -> Whitened:
+        """Return the recording with its registration moved by (x, y), by at most a pixel in all."""
         limit = np.array([self.recording.target.dx_um, self.recording.target.dy_um])
-        step = np.array([values.get(name, 0.0) for name in SHIFTS])
-        return replace(self, shift_um=tuple(np.clip(np.array(self.shift_um) + step, -limit, limit).tolist()))
+        return replace(self, shift_um=tuple(np.clip(np.array(self.shift_um) + step_um, -limit, limit).tolist()))
