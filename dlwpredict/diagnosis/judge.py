@@ -144,22 +144,15 @@ class Judge:
         beside = self.baseline.beside
         self.places, self.mismatch = locate(baseline, self.forms, beside, self.bumps, strange, self.left_out)
         self.agreement = agreement(baseline, self.baseline.draws)
-        self.last = self.baseline
+        self.models: dict[Names, Model] = {frozenset(): self.baseline}
 
     def model(self, search: Search, names: Names) -> Model:
         """Return the tests of the best fit of a set."""
-        return self.tested(search.fitter.objective.whole(search.converged(names))) if names else self.baseline
-
-    def tested(self, fit: Fit) -> Model:
-        """Return the tests of a fit; those of the last one are remembered."""
-        if fit is not self.last.fit:
-            self.last = Model.of(fit, self.forms, self.bumps, self.baseline.columns, self.null, self.left_out)
-        return self.last
-
-    def leaves(self, fit: Fit) -> float:
-        """Return what a fit leaves beyond noise, in 2 ln L; 0 where that is chance."""
-        tested = self.tested(fit)
-        return tested.left if tested.unexplained else 0.0
+        if names not in self.models:
+            fit, columns = search.converged(names), self.baseline.columns
+            model = Model.of(fit, self.forms, self.bumps, columns, self.null, self.left_out)
+            self.models = {frozenset(): self.baseline, names: model}
+        return self.models[names]
 
     def blemish(self, search: Search, names: Names) -> Blemish | None:
         """Return the spot, if any, that explains more of what a set leaves than any other set would.
@@ -169,7 +162,7 @@ class Judge:
         model = self.model(search, names)
         if len(self.left_out) == policy.BLEMISHES or not suspected(model):
             return None
-        more = search.price(len(names) + 1) - search.price(len(names)) + search.form_error
+        more = search.price(len(names) + 1) - search.price(len(names))
         return blemish(model, self.bumps[model.spot.pair], search.promised(names) + more)
 
     def answer(self, search: Search, names: Names, *, complete: bool) -> Diagnosis:

@@ -153,7 +153,7 @@ def diagnose(
             baseline = fitter.best(Start(first.parameters))
             null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
             judge = Judge(recordings, noise, baseline, fitter, null, apart, left_out)
-            search = Search(fitter, null, baseline, signatures, leaves=judge.leaves)
+            search = Search(fitter, null, baseline, signatures)
             keep(judge.answer(search, frozenset(), complete=False))
             tell(Stage.of("refits", "refitting the leading sets of effects"))
             search.begin_with(ended)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,29 +30,6 @@ LEAST, FARTHEST = 0.05, 3.0
 """... and between these typical sizes."""
 
 
-@dataclass(frozen=True, eq=False)
-class Looked:
-    """What was seen when a set was the best.
-
-    Parameters
-    ----------
-    fit : Fit
-    shares : mapping of str to float
-        Of each name's gain, what stands beside the doubts about the process's own form, 0 to 1.
-    left : float
-        2 ln L beyond noise that the set leaves; 0 where that is chance.
-    """
-
-    fit: Fit
-    shares: Mapping[str, float]
-    left: float = 0.0
-
-
-def silent(_: Fit) -> float:
-    """Leave nothing."""
-    return 0.0
-
-
 @dataclass(eq=False)
 class Search:
     """Sets of effects beside a baseline, refitted.
@@ -68,10 +45,8 @@ class Search:
         Best fits by names of their effects, the baseline's own aside.
     spread : dict
         Name to the standard deviation of scores along what the effect does.
-    leaves : function of a Fit
-        Tells what a set of more than one effect leaves beyond noise, in 2 ln L.
-    looked : dict
-        Sets that were the best when they were looked at.
+    stood : dict
+        Fits of sets, and the share of each name's gain that stands beside the doubts about the process's own form.
     """
 
     fitter: Fitter
@@ -80,8 +55,7 @@ class Search:
     signatures: dict[Names, Signatures]
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
-    leaves: Callable[[Fit], float] = silent
-    looked: dict[Names, Looked] = field(default_factory=dict)
+    stood: dict[Names, tuple[Fit, dict[str, float]]] = field(default_factory=dict)
     first: Linearised = field(init=False)
     asked: Thresholds = field(init=False)
     screens: dict[Names, Linearised] = field(default_factory=dict)
@@ -147,27 +121,25 @@ class Search:
         return {model: own for model, own in starts.items() if self.fitter.reopened(own[0])}
 
     def price(self, effects: int) -> float:
-        """Return what so many effects must gain that noise hardly ever gives them."""
-        return self.asked.first + (effects - 1) * self.asked.next if effects else 0.0
+        """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.
+
+        The form of the strongest effect is trusted to a share of its energy. What it is wrong by is there for any
+        further effect to explain, which must gain more than it can take of that.
+        """
+        return self.asked.first + (effects - 1) * (self.asked.next + self.form_error) if effects else 0.0
 
     @property
     def form_error(self) -> float:
-        """2 ln L by which the form of the strongest effect may be wrong."""
+        """2 ln L that another name may take of what the form of the strongest effect is wrong by."""
         singles = [self.baseline.cost - fit.cost for names, fit in self.fitted.items() if len(names) == 1]
         strongest = max(singles, default=float(np.max(self.first.z**2, initial=0.0)))
-        return policy.FORM_ERROR * max(strongest, 0.0)
+        return policy.MISTAKEN * policy.FORM_ERROR * max(strongest, 0.0)
 
     def needed(self, names: Names, name: str) -> float:
-        """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors.
-
-        What the form of the strongest effect is wrong by is there for any other to explain. It follows no name, and
-        most of it is left then: an effect that explains more than the set leaves has not lived on that alone.
-        """
-        noise, form = self.asked.first, 0.0
-        if len(names) > 1:
-            left = self.looked[names].left if names in self.looked else 0.0
-            noise, form = self.asked.next, min(self.form_error, left)
-        return noise * self.spread.get(name, 1.0) ** 2 + form
+        """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors."""
+        alone = len(names) == 1
+        noise = self.asked.first if alone else self.asked.next
+        return noise * self.spread.get(name, 1.0) ** 2 + (0.0 if alone else self.form_error)
 
     def near(self, best: Names) -> list[Start]:
         """Return where the best fit is, and those that come near it: another noise model might prefer them.
@@ -239,15 +211,12 @@ class Search:
     def rested(self) -> Names:
         """Return the best set, brought to convergence where only its quick fit was known.
 
-        It is the best with what is seen only when it is looked at: how much of each name stands beside what the form of
-        the process itself may be wrong by, and what the set leaves.
+        Each of its names stands beside what the form of the process itself may be wrong by.
         """
         best = self.best()
-        while best and (best not in self.looked or self.converged(best) is not self.looked[best].fit):
-            model = self.fitter.objective.whole(self.converged(best))
-            left = self.leaves(model) if len(best) > 1 else 0.0
-            shares = standing(model, sorted(best), self.fitter.objective)
-            self.looked[best] = Looked(self.fitted[best], shares, left)
+        while best and self.converged(best) is not self.stood.get(best, (None,))[0]:
+            model = self.fitter.objective.whole(self.fitted[best])
+            self.stood[best] = self.fitted[best], standing(model, sorted(best), self.fitter.objective)
             best = self.best()
         return best
 
@@ -277,15 +246,27 @@ class Search:
 
     def surely(self, names: Names, name: str) -> float:
         """Return the part of a gain that the process's own form cannot have; all of it of a set not looked at yet."""
-        share = self.looked[names].shares.get(name, 1.0) if names in self.looked else 1.0
-        return share * self.gain(names, name)
+        _, shares = self.stood.get(names, (None, {}))
+        return shares.get(name, 1.0) * self.gain(names, name)
 
     def doubted(self, best: Names) -> list[str]:
-        """Return the effects, the likeliest first, that would gain enough beside a set were the process's form sure."""
-        more = [names for names in self.looked if names > best and len(names) == len(best) + 1]
-        more = [names for names in more if all(self.gain(names, name) >= self.needed(names, name) for name in names)]
-        more = [names for names in more if not self._admissible(names)]
-        return [name for names in sorted(more, key=lambda names: self.fitted[names].cost) for name in names - best]
+        """Return the effects, the likeliest first, that would gain enough beside a set were all forms sure.
+
+        Those of the process itself, or that of the strongest effect of the set.
+        """
+        more = [names for names in self.fitted if names > best and len(names) == len(best) + 1]
+        own = [names for names in more if names in self.stood and not self._admissible(names)]
+        own = [names for names in own if all(self.gain(names, name) >= self.needed(names, name) for name in names)]
+        short = [names for names in more if self._lacks_form_error(best, names)]
+        names = sorted({*own, *short}, key=lambda names: self.fitted[names].cost)
+        return [name for one in names for name in one - best]
+
+    def _lacks_form_error(self, best: Names, names: Names) -> bool:
+        """Tell whether one more effect gains what noise hardly ever gives any, but what a form may be wrong by."""
+        (name,) = names - best
+        gain = self.fitted[best].cost - self.fitted[names].cost
+        noise = self.asked.first * self.spread.get(name, 1.0) ** 2
+        return bool(best) and noise <= gain < self.needed(names, name)
 
     def width(self, gain: float, name: str, left: float = 0.0) -> float:
         """Return the temperature of a slot: how many times farther apart than by noise two names must be.

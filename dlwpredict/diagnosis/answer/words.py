@@ -140,8 +140,9 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 
 def _doubt(diagnosis: Diagnosis) -> str:
+    named = f"of {diagnosis.named[0].effect.name}, or " if diagnosis.named else ""
     return (
-        f"{listed(diagnosis.doubted)} would explain more than noise; so might the form of the process itself: "
+        f"{listed(diagnosis.doubted)} would explain more than noise; so might the form {named}of the process itself: "
         "cross-linking that reaches farther than a Gaussian, layers that the base holds."
     )
 
