@@ -1,5 +1,6 @@
 """Sets of effects: the enumeration against brute force, what is refitted, what is named, and how wide classes are."""
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -168,7 +169,8 @@ def search(gains, cost=1000.0, **spread):
     """Return a search that has fitted these sets; names of effects by number."""
 
     def fit(names, gain):
-        return SimpleNamespace(cost=cost - gain, parameters=ParameterSet(effects=tuple(library()[n]() for n in names)))
+        effects = tuple(library()[n]() for n in names)
+        return SimpleNamespace(cost=cost - gain, parameters=ParameterSet(effects=effects), nuisances=True)
 
     fitted = {frozenset(names): fit(names, gain) for names, gain in ({(): 0.0} | gains).items()}
     return Toy(
@@ -296,6 +298,22 @@ class TestSearch:
         assert [one.parameters.effects[0].rise_um / typical for one in starts] == pytest.approx(begun)
         moved = [one.parameters.paper.threshold - ParameterSet().paper.threshold for one in starts]
         assert moved == pytest.approx([0.02 * share for share in begun])
+
+    @pytest.mark.parametrize("whole", [True, False])
+    def test_in_the_place_of_an_effect_begins_where_the_others_were_fitted_without_it(self, whole):
+        """Not at the model with it, whose process has answered to it; unless that fit is but a quick one."""
+        found = search({DARK: 50.0, CURL + DARK: 100.0})
+        found.baseline.free = choose(ParameterSet())
+        found.fitter = SimpleNamespace(free=lambda parameters: freed(parameters, found.baseline.free))
+        found.fitted[frozenset(DARK)].nuisances = whole
+        own, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(20, 3)))
+        screen = replace(screen_of(own, own[:, 0], named=("curl", "vignetting"), own=2), blocks=(slice(1), slice(1, 2)))
+        screen.chosen[0] = Candidate(library()["field-curvature"](), "sag_um")
+        subset = Subset(("vignetting",), (0,), frozenset({"vignetting", "field-curvature"}), 0.0, 0.0)
+        model = found.fitted[frozenset(CURL + DARK)]
+        (start, *_) = found._starts(model, Sets(screen, price, []), subset)
+        assert start.parent is (found.fitted[frozenset(DARK)] if whole else model)
+        assert {effect.name for effect in start.parameters.effects} == {"vignetting", "field-curvature"}
 
     def test_to_a_bend_the_process_has_answered_by_its_root(self):
         found = search({})

@@ -157,11 +157,24 @@ class TestFitter:
         assert np.abs(error).max() < 4
         assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
 
-    def test_what_falls_short_of_its_promise_is_fitted_once_more_and_only_what_is_asked_for_is_converged(
-        self, monkeypatch
+    @pytest.mark.parametrize(("promises", "renewed"), [([5.0], 0), ([7.0, 5.0], 1), ([7.0, 7.0], 2), ([9.0] * 9, 2)])
+    def test_a_quick_fit_goes_on_with_derivatives_anew_while_its_tangent_promises_more(
+        self, monkeypatch, promises, renewed
     ):
-        """Three models with a limit of 10: one is near, one comes near once it has derivatives of its own."""
-        costs, converged = {"shrinkage_min": [9.0], "shrinkage_max": [50.0, 8.0], "threshold": [60.0]}, []
+        left, hurried = iter(promises), []
+        monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
+        monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: SimpleNamespace(cost=start.cost))
+        monkeypatch.setattr(
+            fitting, "_hurried", lambda o, fit: hurried.append(fit.cost) or SimpleNamespace(cost=fit.cost - 1)
+        )
+        objective = SimpleNamespace(differentiated=lambda fit: fit, work=SimpleNamespace(predictions=0.0))
+        starts = [SimpleNamespace(cost=cost, parent=None) for cost in (30.0, 20.0)]
+        found, _ = fitting._quick(objective, None, starts)
+        assert found.cost == 19 - renewed
+        assert hurried == [30, 20, 19, 18][: 2 + renewed], "of several starts the lowest goes on"
+
+    def test_only_what_is_asked_for_is_converged(self, monkeypatch):
+        costs, converged = {"shrinkage_min": 9.0, "shrinkage_max": 8.0, "threshold": 60.0}, []
         frees = {name: choose(ParameterSet(), free=(name,)) for name in costs}
 
         def fit(name, cost):
@@ -172,25 +185,23 @@ class TestFitter:
             converged.append(starts[0].parameters)
             return fit(starts[0].parameters, begun.cost - 1)
 
-        def again(objective, like, old):
-            return fit(old.free.names[0], costs[old.free.names[0]][1])
+        def quickly(objective, like, own):
+            return fit(own[0].parameters, costs[own[0].parameters])
 
-        best.__name__, again.__name__ = "_best", "_again"
-        monkeypatch.setattr(fitting, "_quick", lambda o, like, own: fit(own[0].parameters, costs[own[0].parameters][0]))
-        monkeypatch.setattr(fitting, "_again", again)
+        best.__name__, quickly.__name__ = "_best", "_quick"
+        monkeypatch.setattr(fitting, "_quick", quickly)
         monkeypatch.setattr(fitting, "_best", best)
         monkeypatch.setattr(fitting, "recorded", lambda found: {})
         monkeypatch.setattr(Fitter, "free", lambda self, name: frees[name])
-        starts = [SimpleNamespace(parameters=name) for name in costs]
         contestant = Fitter(Objective(()), choose(ParameterSet()))
-        ends = contestant.contest([[one] for one in starts], {("shrinkage_max",): 5.0}, lambda key, known: 10.0)
+        ends = contestant.contest([[SimpleNamespace(parameters=name)] for name in costs])
         assert [end.cost for end in ends.values()] == pytest.approx([9, 8, 60])
         quick = list(ends.values())[:2]
         monkeypatch.setattr(Fit, "parameters", property(lambda self: self.free.names[0]))
         assert not converged and not contestant.settled(quick[0])
         assert [end.cost for end in contestant.settle(quick)] == pytest.approx([8, 7])
         assert converged == ["shrinkage_min", "shrinkage_max"] and contestant.settled(quick[0])
-        assert contestant.objective.work.predictions == 6
+        assert contestant.objective.work.predictions == 5
 
     @pytest.mark.parametrize("quick", [False, True])
     def test_a_stored_fit_is_taken_up(self, air, printed, quick):
@@ -198,7 +209,7 @@ class TestFitter:
 
         def fitted(fitter):
             if quick:
-                return fitter.contest([[Start(LOW)]], {}, lambda key, costs: -np.inf)[key_of(free)]
+                return fitter.contest([[Start(LOW)]])[key_of(free)]
             return fitter.best(Start(LOW))
 
         first, second = (Fitter(objective_of(air, printed, 0.01), free, stored=stored) for _ in range(2))
@@ -256,7 +267,7 @@ class TestFitter:
         """By its parameters it would be the process alone; by what moves it is not."""
         fitter = Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS))
         begun = replace(LOW, effects=(library()["edge-drying"](depth_um=0.2),))
-        (quick,) = fitter.contest([[Start(begun)]], {}, lambda key, costs: -np.inf).values()
+        (quick,) = fitter.contest([[Start(begun)]]).values()
         vector = np.where([name == "edge-drying.depth_um" for name in quick.free.names], 0.0, quick.vector)
         off = replace(quick, vector=vector)
         fitter.quick[key_of(off.free)] = off

@@ -211,7 +211,7 @@ def test_of_quick_fits_the_lowest_counts_and_it_is_not_converged_where_it_does_n
 
     def quick(*starts):
         fitter = Fitter(objective, choose(truth))
-        (found,) = fitter.contest([[Start(one) for one in starts]], {}, lambda key, costs: -np.inf).values()
+        (found,) = fitter.contest([[Start(one) for one in starts]]).values()
         assert not fitter.known and len(fitter.quick) == 1
         return found.cost
 

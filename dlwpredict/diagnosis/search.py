@@ -70,8 +70,8 @@ class Search:
         starts = {self.names(start.parameters): [start] for start in earlier}
         starts.pop(frozenset(), None)
         for best in list(starts)[:1]:
-            self._refit({best: starts.pop(best)}, {}, frozenset())
-            self._refit(starts, {}, best)
+            self._refit({best: starts.pop(best)})
+            self._refit(starts)
 
     def round(self) -> Names:
         """Refit the leading sets beside the best one; return the names of the best set then.
@@ -81,18 +81,18 @@ class Search:
         """
         before = self.rested()
         sets = Sets.of(self.screen(before), self.price)
-        model, starts, promised = self.fitted[before], {}, {}
+        model, starts = self.fitted[before], {}
         for subset in sets.leading(before, self.width_of_set(before)):
             begun = self._starts(model, sets, subset)
             if not self.fitter.has(begun[0]):
-                starts[subset.names], promised[subset.names] = begun, sets.screen.cost - subset.gain
-        self._refit(starts, promised, before)
+                starts[subset.names] = begun
+        self._refit(starts)
         best = self.rested()
         if best == before:
             self._settle(before)
             best = self.rested()
         if best == before:
-            self._refit(self._behind_widths(model, sets.screen, before), {}, before)
+            self._refit(self._behind_widths(model, sets.screen, before))
             self._settle(before)
             best = self.rested()
         return best
@@ -236,7 +236,7 @@ class Search:
         fewer = names - {name}
         if fewer not in self.fitted:
             model = self.fitted[names]
-            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]}, {fewer: -np.inf}, names)
+            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]})
         self._settle(names, [fewer])
         return self.fitted[fewer]
 
@@ -281,12 +281,14 @@ class Search:
         return all(self.surely(names, name) >= self.needed(names, name) for name in names)
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
-        """Return where the refit of a set begins: the model without what leaves, with what comes in.
+        """Return where the refit of a set begins: what stays of the model, as fitted alone, with what comes in.
 
         The process has answered to it to first order. Small, where tangents hold; and where one effect comes in, as
         large as it is typically: what the process has taken most of is lowest far from where its tangent points.
         """
-        kept = lacking(model.parameters, [name for name in sets.screen.named if name not in subset.kept])
+        begun = self.fitted.get(frozenset(subset.kept), model)
+        begun = begun if begun.nuisances else model
+        kept = lacking(begun.parameters, [name for name in sets.screen.named if name not in subset.kept])
         strengths = sets.strengths(subset)
         small = [START_SHARE * float(np.clip(a, -FARTHEST, FARTHEST)) for a in strengths]
         small = [a if abs(a) > LEAST else LEAST * (np.sign(a) or 1.0) for a in small]
@@ -294,7 +296,7 @@ class Search:
         if len(subset.added) == 1:
             large = [float(np.sign(a) * np.clip(abs(a), 1.0, FARTHEST)) for a in small]
             found += [self._at(kept, sets, subset, large)] if large != small else []
-        return [Start(parameters, model) for parameters in found]
+        return [Start(parameters, begun) for parameters in found]
 
     def _at(self, kept: ParameterSet, sets: Sets, subset: Subset, shares: Sequence[float]) -> ParameterSet:
         """Return a process with candidates at these strengths, in typical sizes."""
@@ -311,15 +313,10 @@ class Search:
         values = [value + moved[name] for name, value in zip(free.names, free.start, strict=True)]
         return free.parameters(free.allowed(np.array(values)))
 
-    def _refit(self, starts: dict[Names, list[Start]], promised: dict[Names, float], beside: Names) -> None:
-        """Refit quickly sets that were proposed beside the best one."""
+    def _refit(self, starts: Mapping[Names, Sequence[Start]]) -> None:
+        """Refit sets quickly."""
         keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
-
-        def limit(key: Key, costs: Mapping[Key, float]) -> float:
-            return self._limit(keys[key], {keys[other]: cost for other, cost in costs.items()}, beside)
-
-        known = {key: promised.get(names, np.inf) for key, names in keys.items()}
-        self._keep({keys[key]: fit for key, fit in self.fitter.contest(list(starts.values()), known, limit).items()})
+        self._keep({keys[key]: fit for key, fit in self.fitter.contest(list(starts.values())).items()})
 
     def _settle(self, beside: Names, among: Iterable[Names] | None = None) -> None:
         """Bring to convergence what may matter beside a set, of all sets or of some."""

@@ -68,6 +68,11 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
     return now
 
 
+def promised(now: Fit) -> float:
+    """Return by how much the next step of a descent would lower the objective if its derivatives held all the way."""
+    return _step(now, LEAST_DAMPING)[1]
+
+
 def _lower(objective: Objective, now: Fit, vector: np.ndarray, damping: float) -> Fit | None:
     """Return the fit at a place, or where the bend that it shows leads; None where both are higher, or it is the same.
 

@@ -5,13 +5,13 @@ All starts are inside, and so is the care: who asks for the best fit of a model 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from dlwpredict.infer.descend import descend
+from dlwpredict.infer.descend import descend, promised
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
@@ -20,8 +20,9 @@ from dlwpredict.infer.stored import recorded, restored
 from dlwpredict.numerics.parallel import ALONE, Workers
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
-QUICK_STEPS = 5
-"""Steps of a quick fit, which has derivatives of its parent."""
+QUICK_STEPS, RENEWED, QUICK_GAIN = 5, 2, 6.0
+"""Steps of a quick fit with the same derivatives, at first those of its parent; and how often they are taken anew while
+its next step promises more than this in the objective, about what two models must be apart by to be told apart."""
 
 LOOK, FOLLOWED = 8, 1.05
 """Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other."""
@@ -105,31 +106,17 @@ class Fitter:
             self._converge({key: starts})
         return self.known[key]
 
-    def contest(
-        self,
-        models: Sequence[Sequence[Start]],
-        promised: Mapping[Key, float],
-        limit: Callable[[Key, Mapping[Key, float]], float],
-    ) -> dict[Key, Fit]:
+    def contest(self, models: Sequence[Sequence[Start]]) -> dict[Key, Fit]:
         """Fit several models quickly; return each with its best fit, where that is known, or its quick one.
-
-        One that promises to first order what its quick fit has not found, and would matter then, is fitted quickly
-        once more, with derivatives of its own.
 
         Parameters
         ----------
         models : sequence of sequence of Start
-        promised : mapping of model to float
-            Cost to first order.
-        limit : function of a model and the costs of all quick fits
-            The highest cost at which the model matters.
         """
         starts = {key_of(self.free(own[0].parameters)): own for own in models}
         unknown = [key for key in starts if key not in self.known and key not in self.quick]
-        self._hurry(_quick, {key: tuple(starts[key]) for key in unknown})
-        costs = self._costs(starts)
-        short = [key for key in unknown if promised.get(key, np.inf) <= limit(key, costs) < costs[key]]
-        self._hurry(_again, {key: self.quick[key] for key in short})
+        for key, quick in self._carried_out(_quick, {key: (tuple(starts[key]),) for key in unknown}).items():
+            self.quick[key] = quick.light
         return {key: self.known.get(key) or self.quick[key] for key in starts}
 
     def settle(self, fits: Sequence[Fit]) -> list[Fit]:
@@ -137,14 +124,6 @@ class Fitter:
         models = {key_of(fit.free): (Start(fit.parameters),) for fit in fits}
         self._converge({key: own for key, own in models.items() if key not in self.known})
         return [self.known[key_of(fit.free)] for fit in fits]
-
-    def _costs(self, models: Iterable[Key]) -> dict[Key, float]:
-        return {key: (self.known.get(key) or self.quick[key]).cost for key in models}
-
-    def _hurry(self, fit: Callable[..., tuple[Fit, float]], models: Mapping[Key, Any]) -> None:
-        """Fit models quickly, each from what it has."""
-        for key, quick in self._carried_out(fit, {key: (own,) for key, own in models.items()}).items():
-            self.quick[key] = quick.light
 
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
         """Bring models to convergence."""
@@ -180,26 +159,27 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
     """Return the lowest of the quick fits from all starts, and the work that it took.
 
     A model costs no more than one that it holds. Where all quick fits do, the parent's derivatives have misled them:
-    what is new in the first start is put beside the parent as it was, with derivatives of its own.
+    what is new in the first start is put beside the parent as it was, with derivatives of its own. And one that stops
+    where its tangent still promises something takes them anew: what is far from its parent is no worse for that.
     """
-    found = []
-    for start in starts:
-        begun = _begun(objective, start, like)
-        found.append(descend(objective, begun, secant=True, steps=QUICK_STEPS))
+    found = [_hurried(objective, _begun(objective, start, like)) for start in starts]
     best, parent = min(found, key=lambda one: one.cost), starts[0].parent
     if parent is not None and starts[0].held and best.cost > parent.cost:
         known = dict(zip(parent.free.names, parent.vector, strict=True))
         values = zip(best.free.names, best.free.values(starts[0].parameters), strict=True)
         vector = best.free.allowed(np.array([known.get(name, value) for name, value in values]))
         begun = objective.differentiated(objective.at(best.free, vector, parent))
-        best = min(best, descend(objective, begun, secant=True, steps=QUICK_STEPS), key=lambda one: one.cost)
+        best = min(best, _hurried(objective, begun), key=lambda one: one.cost)
+    for _ in range(RENEWED):
+        if promised(best) < QUICK_GAIN:
+            break
+        best = _hurried(objective, objective.differentiated(best))
     return best, objective.work.predictions
 
 
-def _again(objective: Objective, like: Free, quick: Fit) -> tuple[Fit, float]:
-    """Return a quick fit that has gone on with derivatives of its own, and the work that it took."""
-    found = descend(objective, objective.whole(quick), secant=True, steps=QUICK_STEPS)
-    return found, objective.work.predictions
+def _hurried(objective: Objective, begun: Fit) -> Fit:
+    """Return where a few steps lead with the derivatives that a fit has."""
+    return descend(objective, begun, secant=True, steps=QUICK_STEPS, gain=QUICK_GAIN)
 
 
 def _begun(objective: Objective, start: Start, like: Free) -> Fit:
