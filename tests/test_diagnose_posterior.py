@@ -170,7 +170,7 @@ def search(gains, cost=1000.0, **spread):
 
     def fit(names, gain):
         effects = tuple(library()[n]() for n in names)
-        return SimpleNamespace(cost=cost - gain, parameters=ParameterSet(effects=effects), nuisances=True)
+        return SimpleNamespace(cost=cost - gain, parameters=ParameterSet(effects=effects), nuisances=True, promise=0.0)
 
     fitted = {frozenset(names): fit(names, gain) for names, gain in ({(): 0.0} | gains).items()}
     return Toy(
@@ -201,6 +201,37 @@ class TestSearch:
         alone = search({CURL: 99.0}).fitted[frozenset(CURL)]
         found.without = lambda names, name: found.fitted.setdefault(names - {name}, alone)
         assert found.best() == {"curl"}
+
+    @pytest.mark.parametrize(("promise", "settled"), [(60.0, True), (40.0, False)])
+    def test_what_a_quick_fit_still_promises_counts_where_it_is_asked_what_may_matter(self, promise, settled):
+        """Within 2 · (6 + 5 % of 100) = 22 of 100 comes a fit of 20 that promises 60, not one that promises 40."""
+        found, converged = search({CURL: 100.0, DARK: 20.0}), []
+        found.fitted[frozenset(DARK)].promise = promise
+        found.fitter = SimpleNamespace(
+            settled=lambda fit: fit is found.fitted[frozenset(CURL)], settle=lambda fits: converged.extend(fits) or fits
+        )
+        found._settle(frozenset(CURL))
+        assert converged == [found.fitted[frozenset(DARK)]] * settled
+
+    @pytest.mark.parametrize("settled", [False, True])
+    def test_a_reduced_model_is_begun_where_the_set_was_fitted_once_unless_it_is_converged(self, settled):
+        """The quick fit of one of two effects brings 10; begun at both it brings 95."""
+        found, begun = search({CURL: 10.0, CURL + FIELD: 100.0}), []
+        better = search({CURL: 95.0}).fitted[frozenset(CURL)]
+        key = tuple(sorted(CURL))
+
+        def contest(models):
+            begun.extend(own[0].parent for own in models)
+            return {key: better}
+
+        found.fitter = SimpleNamespace(
+            free=lambda parameters: SimpleNamespace(names=[effect.name for effect in parameters.effects]),
+            settled=lambda fit: settled, reopened=lambda start: True, contest=contest, settle=lambda fits: fits,
+        )  # fmt: skip
+        both = frozenset(CURL + FIELD)
+        costs = [Search.without(found, both, "field-curvature").cost for _ in range(2)]
+        assert costs == ([990.0] * 2 if settled else [905.0] * 2)
+        assert begun == ([] if settled else [found.fitted[both]])
 
     def test_what_scatters_more_must_gain_more(self):
         assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}

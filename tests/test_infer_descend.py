@@ -1,7 +1,7 @@
 """The descent and the fitter: they come to rest where nothing is lower, from wherever they begin."""
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -161,16 +161,19 @@ class TestFitter:
     def test_a_quick_fit_goes_on_with_derivatives_anew_while_its_tangent_promises_more(
         self, monkeypatch, promises, renewed
     ):
-        left, hurried = iter(promises), []
-        monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
-        monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: SimpleNamespace(cost=start.cost))
-        monkeypatch.setattr(
-            fitting, "_hurried", lambda o, fit: hurried.append(fit.cost) or SimpleNamespace(cost=fit.cost - 1)
+        left, hurried, fit = (
+            iter([*promises, promises[-1]]),
+            [],
+            make_dataclass("Fit", ["cost", ("promise", float, 0.0)]),
         )
+        monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
+        monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: fit(start.cost))
+        monkeypatch.setattr(fitting, "_hurried", lambda o, begun: hurried.append(begun.cost) or fit(begun.cost - 1))
         objective = SimpleNamespace(differentiated=lambda fit: fit, work=SimpleNamespace(predictions=0.0))
         starts = [SimpleNamespace(cost=cost, parent=None) for cost in (30.0, 20.0)]
         found, _ = fitting._quick(objective, None, starts)
         assert found.cost == 19 - renewed
+        assert found.promise == promises[-1], "what it still promised is kept"
         assert hurried == [30, 20, 19, 18][: 2 + renewed], "of several starts the lowest goes on"
 
     def test_only_what_is_asked_for_is_converged(self, monkeypatch):

@@ -45,6 +45,8 @@ class Search:
         Best fits by names of their effects, the baseline's own aside.
     spread : dict
         Name to the standard deviation of scores along what the effect does.
+    reduced : set
+        Sets and names that reduced models were begun from.
     stood : dict
         Fits of sets, and the share of each name's gain that stands beside the doubts about the process's own form.
     """
@@ -56,6 +58,7 @@ class Search:
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
     stood: dict[Names, tuple[Fit, dict[str, float]]] = field(default_factory=dict)
+    reduced: set[tuple[Names, str]] = field(default_factory=set)
     first: Linearised = field(init=False)
     asked: Thresholds = field(init=False)
     screens: dict[Names, Linearised] = field(default_factory=dict)
@@ -156,7 +159,7 @@ class Search:
     def _start(self, names: Names) -> Start:
         """Return a set as it was fitted, as a start."""
         fit = self.fitted[names]
-        return Start(fit.parameters, settled=self.fitter.settled(fit))
+        return Start(fit.parameters, settled=self._settled(names))
 
     def width_of_set(self, names: Names) -> float:
         """Return how far in 2 ln L a refit may stay behind a set and still be looked at."""
@@ -232,13 +235,23 @@ class Search:
         return frozenset(effect.name for effect in parameters.effects) - own
 
     def without(self, names: Names, name: str) -> Fit:
-        """Return the reduced model: the best fit of a set without one of its effects."""
+        """Return the reduced model: the best fit of a set without one of its effects.
+
+        It is begun where the set was fitted, whatever other quick fit of it there is: that may be far above its best,
+        and the effect would seem to gain what is only missing there.
+        """
         fewer = names - {name}
-        if fewer not in self.fitted:
-            model = self.fitted[names]
-            self._refit({fewer: [Start(lacking(model.parameters, [name]), model)]})
+        if (names, name) not in self.reduced and not (fewer in self.fitted and self._settled(fewer)):
+            self.reduced.add((names, name))
+            start = Start(lacking(self.fitted[names].parameters, [name]), self.fitted[names])
+            if self.fitter.reopened(start):
+                self._refit({fewer: [start]})
         self._settle(names, [fewer])
         return self.fitted[fewer]
+
+    def _settled(self, names: Names) -> bool:
+        """Tell whether the best fit of a set is known, not only a quick one."""
+        return self.fitter.settled(self.fitted[names])
 
     def gain(self, names: Names, name: str) -> float:
         """Return the 2 ln L that an effect of a set brings beside the others."""
@@ -319,10 +332,11 @@ class Search:
         self._keep({keys[key]: fit for key, fit in self.fitter.contest(list(starts.values())).items()})
 
     def _settle(self, beside: Names, among: Iterable[Names] | None = None) -> None:
-        """Bring to convergence what may matter beside a set, of all sets or of some."""
+        """Bring to convergence what may matter beside a set, of all sets or of some: what is near, or may come near."""
         costs = {names: fit.cost for names, fit in self.fitted.items()}
-        near = [names for names in among or costs if costs[names] <= self._limit(names, costs, beside)]
-        near = [names for names in near if names and not self.fitter.settled(self.fitted[names])]
+        hopes = {names: costs[names] - self.fitted[names].promise for names in among or costs}
+        near = [names for names, hope in hopes.items() if hope <= self._limit(names, costs, beside)]
+        near = [names for names in near if names and not self._settled(names)]
         fits = self.fitter.settle([self.fitted[names] for names in near])
         self._keep(dict(zip(near, fits, strict=True)))
 

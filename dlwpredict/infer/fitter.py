@@ -122,6 +122,7 @@ class Fitter:
     def settle(self, fits: Sequence[Fit]) -> list[Fit]:
         """Return the best fits of models that have been fitted quickly."""
         models = {key_of(fit.free): (Start(fit.parameters),) for fit in fits}
+        self.quick |= {key_of(fit.free): fit for fit in fits}
         self._converge({key: own for key, own in models.items() if key not in self.known})
         return [self.known[key_of(fit.free)] for fit in fits]
 
@@ -174,7 +175,7 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
         if promised(best) < QUICK_GAIN:
             break
         best = _hurried(objective, objective.differentiated(best))
-    return best, objective.work.predictions
+    return replace(best, promise=promised(best)), objective.work.predictions
 
 
 def _hurried(objective: Objective, begun: Fit) -> Fit:

@@ -106,6 +106,9 @@ class Fit:
         What each recording's nuisances came out as.
     jacobian : numpy.ndarray, shape (rows, parameters)
         Whitened derivatives of the predictions; zeros where none were taken.
+    promise : float
+        By how much the next step would lower the cost to first order, where a descent was given up; 0 where it has
+        converged or that is not known.
     """
 
     data: tuple[Whitened, ...]
@@ -117,6 +120,7 @@ class Fit:
     nuisances: Nuisances
     coefficients: tuple[np.ndarray, ...]
     jacobian: np.ndarray
+    promise: float = 0.0
 
     @cached_property
     def cost(self) -> float:

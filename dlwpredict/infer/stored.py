@@ -23,7 +23,8 @@ def recorded(fit: Fit) -> dict[str, Any]:
     """Return a fit as a record."""
     effects = {effect.name: settings(effect) for effect in fit.parameters.effects}
     values = dict(zip(fit.free.names, fit.vector.tolist(), strict=True))
-    return {"effects": effects, "values": values, "shifts_um": [list(item.shift_um) for item in fit.data]}
+    shifts = [list(item.shift_um) for item in fit.data]
+    return {"effects": effects, "values": values, "shifts_um": shifts, "promise": fit.promise}
 
 
 def restored(objective: Objective, like: Free, record: dict[str, Any]) -> tuple[Fit, float]:
@@ -33,4 +34,4 @@ def restored(objective: Objective, like: Free, record: dict[str, Any]) -> tuple[
     pairs = zip(objective.data, record["shifts_um"], strict=True)
     objective = replace(objective, data=tuple(replace(item, shift_um=tuple(shift)) for item, shift in pairs))
     fit = objective.at(free, np.array([record["values"][name] for name in free.names]))
-    return objective.differentiated(fit), objective.work.predictions
+    return replace(objective.differentiated(fit), promise=record["promise"]), objective.work.predictions
