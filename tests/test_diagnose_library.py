@@ -15,13 +15,16 @@ from dlwpredict.diagnosis.library.score import Linearised, Thresholds, threshold
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets
 from dlwpredict.effects import library
+from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.model import freed, lacking
 from dlwpredict.infer.null import COHERENT_UM, Null
 from dlwpredict.infer.objective import Objective
 from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.trace import trace
 from dlwpredict.infer.whitened import Whitened
+from dlwpredict.model.levels import Levels
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import Paper, ParameterSet, declarations
@@ -125,6 +128,28 @@ class TestSignatures:
         pair = (predict(target, p).heights_um for p in (fit.parameters, lacking(fit.parameters, ["curl"])))
         np.testing.assert_allclose(signatures.done_um["curl"][0], np.subtract(*pair), atol=1e-6)
         assert "curl" not in {one.name for one in signatures.chosen}
+
+    def test_a_law_that_begins_with_a_threshold_is_tried_where_it_begins(self):
+        """A cone touches flanks steeper than its own, 80° at a half-angle of 10° and 70° at one of 20°."""
+        ramp = np.clip(4.0 * (np.arange(60) - 20) * 0.25, 0, 6)
+        target = HeightMap(np.tile(ramp, (20, 1)), 0.25, 0.25)
+        recording = prepare(target, target)
+        known = trace(target, ParameterSet(paper=PAPER), Levels())
+        cone = Candidate(library()["tip-convolution"](), "half_angle_deg")
+        steepest = np.nanmax(np.abs(np.gradient(np.nan_to_num(known.heights_um), 0.25, axis=1)))
+        assert np.tan(np.deg2rad(70)) < steepest < np.tan(np.deg2rad(80))
+
+        def change(used):
+            return signatures_of._change(cone, replace(recording, used=used), known, ParameterSet(paper=PAPER))[0]
+
+        def expected(share):
+            shown = cone.at(share).heights(target.with_heights(known.heights_um))
+            return np.nan_to_num(shown - known.heights_um) / share
+
+        everywhere = change(np.ones(target.shape, bool))
+        assert everywhere.max() > 0.01
+        np.testing.assert_allclose(everywhere, expected(1.0), atol=1e-6)
+        np.testing.assert_allclose(change(everywhere < 1e-6), expected(2.0), atol=1e-6)
 
     def test_they_are_paid_for(self, curled):
         objective, _, signatures, _ = curled

@@ -244,7 +244,7 @@ class Search:
         if (names, name) not in self.reduced and not (fewer in self.fitted and self._settled(fewer)):
             self.reduced.add((names, name))
             start = Start(lacking(self.fitted[names].parameters, [name]), self.fitted[names])
-            if self.fitter.reopened(start):
+            if fewer not in self.fitted or self.fitter.reopened(start):
                 self._refit({fewer: [start]})
         self._settle(names, [fewer])
         return self.fitted[fewer]

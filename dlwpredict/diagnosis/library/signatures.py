@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlwpredict.diagnosis.library.candidates import Candidate, candidates
-from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.model import lacking
 from dlwpredict.infer.objective import Fit, Work
+from dlwpredict.infer.recording import Recording
 from dlwpredict.infer.trace import Trace, trace
 from dlwpredict.numerics.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
 
-SMALL = 0.5
-"""Signatures are derivatives, taken by a step of this share of the typical size."""
+STEPS, SEEN_UM = (0.5, 1.0, 2.0), 1e-5
+"""Signatures are derivatives, taken by a step of the first of these shares of the typical size that changes any point
+that counts by more than the second: some laws begin with a threshold, as a tip that touches no flank but steep ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +48,8 @@ class Signatures:
         """Compute them where a fit is; `named` are its effects that a diagnosis has added."""
         targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
         chosen = candidates(parameters)
-        jobs = [
-            (candidate, target, parameters, before)
-            for candidate in chosen
-            for target, before in zip(targets, fitted.traces, strict=True)
-        ]
+        seen = [(item.recording, before) for item, before in zip(fitted.data, fitted.traces, strict=True)]
+        jobs = [(candidate, *one, parameters) for candidate in chosen for one in seen]
         shares = [target.heights_um.size / sum(grid.heights_um.size for grid in targets) for target in targets]
         changes, per = workers.each(_change, jobs), len(targets)
         work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(changes))
@@ -73,11 +71,16 @@ def done_by(fitted: Fit, name: str, work: Work) -> list[np.ndarray]:
 
 
 def _change(
-    candidate: Candidate, target: HeightMap, parameters: ParameterSet, known: Trace
+    candidate: Candidate, recording: Recording, known: Trace, parameters: ParameterSet
 ) -> tuple[np.ndarray, float]:
     """Return the change per typical size, and the work that it took."""
-    effect = candidate.at(SMALL)
-    step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
-    moved = trace(target, replace(parameters, effects=(*parameters.effects, effect)), known.numerics, known)
-    change = np.nan_to_num(moved.heights_um - known.heights_um) / step
-    return change.astype(np.float32), moved.work
+    work = 0.0
+    for share in STEPS:
+        effect = candidate.at(share)
+        step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
+        process = replace(parameters, effects=(*parameters.effects, effect))
+        moved = trace(recording.target, process, known.numerics, known)
+        change, work = np.nan_to_num(moved.heights_um - known.heights_um), work + moved.work
+        if np.abs(change[recording.used]).max(initial=0.0) > SEEN_UM:
+            break
+    return (change / step).astype(np.float32), work
