@@ -218,11 +218,10 @@ class TestSearch:
         """The quick fit of one of two effects brings 10; begun at both it brings 95."""
         found, begun = search({CURL: 10.0, CURL + FIELD: 100.0}), []
         better = search({CURL: 95.0}).fitted[frozenset(CURL)]
-        key = tuple(sorted(CURL))
 
         def contest(models):
             begun.extend(own[0].parent for own in models)
-            return {key: better}
+            return {tuple(effect.name for effect in own[0].parameters.effects): better for own in models}
 
         found.fitter = SimpleNamespace(
             free=lambda parameters: SimpleNamespace(names=[effect.name for effect in parameters.effects]),
@@ -232,6 +231,7 @@ class TestSearch:
         costs = [Search.without(found, both, "field-curvature").cost for _ in range(2)]
         assert costs == ([990.0] * 2 if settled else [905.0] * 2)
         assert begun == ([] if settled else [found.fitted[both]])
+        assert Search.without(found, both, "curl").cost == 905.0, "each of its effects in turn"
 
     def test_what_scatters_more_must_gain_more(self):
         assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}
