@@ -133,14 +133,13 @@ class TestSignatures:
         """A cone touches flanks steeper than its own, 80° at a half-angle of 10° and 70° at one of 20°."""
         ramp = np.clip(4.0 * (np.arange(60) - 20) * 0.25, 0, 6)
         target = HeightMap(np.tile(ramp, (20, 1)), 0.25, 0.25)
-        recording = prepare(target, target)
         known = trace(target, ParameterSet(paper=PAPER), Levels())
         cone = Candidate(library()["tip-convolution"](), "half_angle_deg")
         steepest = np.nanmax(np.abs(np.gradient(np.nan_to_num(known.heights_um), 0.25, axis=1)))
         assert np.tan(np.deg2rad(70)) < steepest < np.tan(np.deg2rad(80))
 
         def change(used):
-            return signatures_of._change(cone, replace(recording, used=used), known, ParameterSet(paper=PAPER))[0]
+            return signatures_of._change(cone, target, used, known, ParameterSet(paper=PAPER))[0]
 
         def expected(share):
             shown = cone.at(share).heights(target.with_heights(known.heights_um))

@@ -66,7 +66,7 @@ variance inflation). Two names are told apart by no less."""
 MISTAKEN = 0.6
 """Share of an error of an effect's form that another name takes for its own, at most: that much of `FORM_ERROR` it must
 gain besides. Of what the library's forms leave of the press's effects, the best other name explains 0.2 in the median
-of 27 draws, and 0.6 or less in nine of ten."""
+of 28 draws, and 0.6 or less in nine of ten."""
 
 SPREAD, HELD = 0.25, 0.1
 """Standard deviations of what is doubted about the process's own form: of the reach that a width of cross-linking

@@ -72,9 +72,7 @@ class Search:
         """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
         starts = {self.names(start.parameters): [start] for start in earlier}
         starts.pop(frozenset(), None)
-        for best in list(starts)[:1]:
-            self._refit({best: starts.pop(best)})
-            self._refit(starts)
+        self._refit(starts)
 
     def round(self) -> Names:
         """Refit the leading sets beside the best one; return the names of the best set then.

@@ -171,11 +171,11 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
         vector = best.free.allowed(np.array([known.get(name, value) for name, value in values]))
         begun = objective.differentiated(objective.at(best.free, vector, parent))
         best = min(best, _hurried(objective, begun), key=lambda one: one.cost)
-    for _ in range(RENEWED):
-        if promised(best) < QUICK_GAIN:
-            break
-        best = _hurried(objective, objective.differentiated(best))
-    return replace(best, promise=promised(best)), objective.work.predictions
+    best, renewed = replace(best, promise=promised(best)), 0
+    while best.promise >= QUICK_GAIN and renewed < RENEWED:
+        best, renewed = _hurried(objective, objective.differentiated(best)), renewed + 1
+        best = replace(best, promise=promised(best))
+    return best, objective.work.predictions
 
 
 def _hurried(objective: Objective, begun: Fit) -> Fit:

@@ -14,7 +14,8 @@ import numpy as np
 
 from dlwpredict.infer import priors
 from dlwpredict.infer.free import Free, fittable
-from dlwpredict.infer.priors import NUISANCES, PARAMETERS, Prior
+from dlwpredict.infer.priors import PARAMETERS, Prior
+from dlwpredict.infer.registration import registered
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.trace import Trace, trace
 from dlwpredict.infer.whitened import Whitened
@@ -25,12 +26,6 @@ STEP_OF_RANGE = 0.003
 """Step of a finite difference, in units of the declared range ..."""
 STEP_OF_VALUE = 0.02
 """... or of the value, whichever is larger: large against the 1 nm by which the levels of the fast path may jump."""
-
-REGISTRATIONS, REGISTERED_UM = 8, 5e-4
-"""Registration is repeated at most so often, until it moves by less: a thousandth of a pixel."""
-
-LONGER = 0.5, 2.0
-"""Factors on a step of it."""
 
 
 def nothing(*_: object) -> None:
@@ -294,58 +289,6 @@ class Objective:
             traces.append(trace(target, process, self.numerics, before))
             self.work.predictions += traces[-1].work * target.heights_um.size / whole
         return traces
-
-
-@dataclass(frozen=True, eq=False)
-class _Registered:
-    """A recording where registration has put it, its nuisances fitted."""
-
-    item: Whitened
-    residual: np.ndarray
-    prior: np.ndarray
-    above: np.ndarray
-    below: np.ndarray
-    coefficients: np.ndarray
-
-
-def registered(item: Whitened, predicted_um: np.ndarray) -> _Registered:
-    """Fit a recording's own nuisances, priors included, and move its registration along with them.
-
-    A step is linear, and the residual bends what it goes along: the second and later ones are as much longer or shorter
-    as the step before has shown (secant).
-    """
-    before, moved, factor = np.zeros(2), np.zeros(2), 1.0
-    for _ in range(REGISTRATIONS):
-        solution = _nuisances_fitted(item, predicted_um)
-        step = item.shift_in(solution.coefficients)
-        if along := float((before - step) @ moved):
-            factor = float(np.clip(moved @ moved / along, *LONGER)) if along > 0 else 1.0
-        further = item.shifted_by(factor * step)
-        before, moved = step, np.subtract(further.shift_um, item.shift_um)
-        if np.abs(moved).max() < REGISTERED_UM:
-            break
-        item = further
-    return solution
-
-
-def _nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> _Registered:
-    measured = np.where(item.recording.used, item.recording.measured.heights_um, 0.0) - item.moved(predicted_um)
-    white = item.white(np.concatenate([measured[None], item.nuisance_maps(predicted_um)]))
-    residual, columns = white[:, 0], white[:, 1:]
-    mean, sd = np.array([NUISANCES[name] for name in item.nuisances]).reshape(-1, 2).T
-    bounded = priors.bounded(item.nuisances)
-    prior = np.zeros((len(bounded), len(mean)))
-    prior[range(len(bounded)), bounded] = 1 / sd[bounded]
-    goal = prior @ (mean - item.known())
-    scale = np.maximum(np.sqrt(np.sum(columns**2, axis=0) + np.sum(prior**2, axis=0)), 1e-12)
-    columns, prior = columns / scale, prior / scale
-    energies, turn = np.linalg.eigh(columns.T @ columns + prior.T @ prior)
-    real = energies > 1e-12 * energies.max(initial=1.0)
-    turn = turn[:, real] / np.sqrt(energies[real])
-    above, below = columns @ turn, prior @ turn
-    along = above.T @ residual + below.T @ goal
-    left, short = residual - above @ along, goal - below @ along
-    return _Registered(item, left, short, above, below, turn @ along / scale)
 
 
 def step(free: Free, k: int, vector: np.ndarray) -> float:

@@ -20,8 +20,9 @@ from dlwpredict.diagnosis.answer.setups import Setup, setups_for
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import Free
-from dlwpredict.infer.objective import STEP_OF_RANGE, STEP_OF_VALUE, Fit, Nuisances, Objective, registered
+from dlwpredict.infer.objective import STEP_OF_RANGE, STEP_OF_VALUE, Fit, Nuisances, Objective
 from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.registration import registered
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.trace import trace
 from dlwpredict.infer.whitened import Whitened, steepness

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlwpredict.diagnosis.library.candidates import Candidate, candidates
+from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.model import lacking
 from dlwpredict.infer.objective import Fit, Work
-from dlwpredict.infer.recording import Recording
 from dlwpredict.infer.trace import Trace, trace
 from dlwpredict.numerics.parallel import ALONE, Workers
 from dlwpredict.parameters import ParameterSet
@@ -48,7 +48,8 @@ class Signatures:
         """Compute them where a fit is; `named` are its effects that a diagnosis has added."""
         targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
         chosen = candidates(parameters)
-        seen = [(item.recording, before) for item, before in zip(fitted.data, fitted.traces, strict=True)]
+        used = [item.recording.used for item in fitted.data]
+        seen = list(zip(targets, used, fitted.traces, strict=True))
         jobs = [(candidate, *one, parameters) for candidate in chosen for one in seen]
         shares = [target.heights_um.size / sum(grid.heights_um.size for grid in targets) for target in targets]
         changes, per = workers.each(_change, jobs), len(targets)
@@ -71,7 +72,7 @@ def done_by(fitted: Fit, name: str, work: Work) -> list[np.ndarray]:
 
 
 def _change(
-    candidate: Candidate, recording: Recording, known: Trace, parameters: ParameterSet
+    candidate: Candidate, target: HeightMap, used: np.ndarray, known: Trace, parameters: ParameterSet
 ) -> tuple[np.ndarray, float]:
     """Return the change per typical size, and the work that it took."""
     work = 0.0
@@ -79,8 +80,8 @@ def _change(
         effect = candidate.at(share)
         step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
         process = replace(parameters, effects=(*parameters.effects, effect))
-        moved = trace(recording.target, process, known.numerics, known)
+        moved = trace(target, process, known.numerics, known)
         change, work = np.nan_to_num(moved.heights_um - known.heights_um), work + moved.work
-        if np.abs(change[recording.used]).max(initial=0.0) > SEEN_UM:
+        if np.abs(change[used]).max(initial=0.0) > SEEN_UM:
             break
     return (change / step).astype(np.float32), work
