@@ -150,9 +150,9 @@ def _forms(forms: list) -> list[Row]:
     found = [Row("form", "what calibration leaves over noise, median", [r["name"] for r in forms], left, "", "median")]
     for words, (low, high) in SIZES.items():
         cases = [r for r in forms if low <= wrong_form(r) < high]
-        clear = low >= 1
+        said, clear = [r for r in cases if r["verdict"] != "failed"], low >= 1
         found += [
-            counted("form", f"{words}: named with confidence", cases, lambda r: r.get("misnamed", True), "<= 5 %"),
+            counted("form", f"{words}: named with confidence", said, lambda r: r["misnamed"], "<= 5 %"),
             counted("form", "... unexplained", cases, lambda r: r["verdict"] == "unexplained", ">= 90 %" * clear),
             counted("form", "... nothing said", cases, lambda r: r["verdict"] == "none", ""),
         ]
