@@ -12,7 +12,8 @@ from dlwpredict.diagnosis.classes import named_in, strengths
 from dlwpredict.diagnosis.library.candidates import Bent, Candidate
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds
 from dlwpredict.diagnosis.posterior import Sets, Subset
-from dlwpredict.diagnosis.search import FARTHEST, LEAST, START_SHARE, Search
+from dlwpredict.diagnosis.search import Search
+from dlwpredict.diagnosis.starts import FARTHEST, LEAST, START_SHARE
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.model import freed

@@ -37,6 +37,7 @@ DIAGNOSE = [
     {"policy"},
     {"library", "structure"},
     {"posterior"},
+    {"starts"},
     {"search"},
     {"classes"},
     {"judge"},

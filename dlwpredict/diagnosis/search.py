@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.candidates import Bent
 from dlwpredict.diagnosis.library.process_form import standing
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
-from dlwpredict.effects.base import Effect
-from dlwpredict.infer.fitter import Fitter, Start, far_widths, from_paper
-from dlwpredict.infer.model import Key, joined, key_of, lacking
+from dlwpredict.diagnosis.starts import behind_widths, beside
+from dlwpredict.infer.fitter import Fitter, Start
+from dlwpredict.infer.model import Key, key_of, lacking
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import ParameterSet
 
 Names = frozenset[str]
-
-START_SHARE = 0.5
-"""Refits begin at this share of the linear strength: the full one may overshoot where the law is not linear ..."""
-
-LEAST, FARTHEST = 0.05, 3.0
-"""... and between these typical sizes."""
 
 
 @dataclass(eq=False)
@@ -99,27 +91,9 @@ class Search:
         return best
 
     def _behind_widths(self, model: Fit, screen: Linearised, names: Names) -> dict[Names, list[Start]]:
-        """Return starts for effects whose place a width may have taken that came out far from its prior.
-
-        About such a width no tangent shows them. They are those that the process hides, and that could bring the width
-        back within their range; the process begins at the paper's seven.
-        """
-        far = far_widths(model.free, model.vector)
-        largest: dict[tuple[str, str, bool], tuple[float, int]] = {}
-        for k in screen.hidden:
-            candidate = screen.chosen[k]
-            for size in (candidate.lowest, candidate.highest):
-                brought = [size * screen.answers[k].get(name, 0.0) / away for name, away in far.items()]
-                place = candidate.name, candidate.switch, size > 0
-                if max(brought, default=0.0) >= 1 and screen.whole[k] > largest.get(place, (0.0, k))[0]:
-                    largest[place] = float(screen.whole[k]), k
-        starts: dict[Names, list[Start]] = defaultdict(list)
-        for (name, _, above), (_, k) in largest.items():
-            process = joined(model.parameters, [screen.chosen[k].at(1.0 if above else -1.0)], self.baseline.free)
-            free = self.fitter.free(process)
-            begun = from_paper(free, free.start)
-            starts[names | {name}].append(Start(process if begun is None else free.parameters(begun)))
-        return {model: own for model, own in starts.items() if self.fitter.reopened(own[0])}
+        """Return starts for effects whose place a width may have taken, of sets that are not converged."""
+        starts = {names | {name}: own for name, own in behind_widths(model, screen, self.fitter, self.baseline).items()}
+        return {names: own for names, own in starts.items() if self.fitter.reopened(own[0])}
 
     def price(self, effects: int) -> float:
         """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.
@@ -292,37 +266,9 @@ class Search:
         return all(self.surely(names, name) >= self.needed(names, name) for name in names)
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
-        """Return where the refit of a set begins: what stays of the model, as fitted alone, with what comes in.
-
-        The process has answered to it to first order. Small, where tangents hold; and where one effect comes in, as
-        large as it is typically: what the process has taken most of is lowest far from where its tangent points.
-        """
-        begun = self.fitted.get(frozenset(subset.kept), model)
-        begun = begun if begun.nuisances else model
-        kept = lacking(begun.parameters, [name for name in sets.screen.named if name not in subset.kept])
-        strengths = sets.strengths(subset)
-        small = [START_SHARE * float(np.clip(a, -FARTHEST, FARTHEST)) for a in strengths]
-        small = [a if abs(a) > LEAST else LEAST * (np.sign(a) or 1.0) for a in small]
-        found = [self._at(kept, sets, subset, small)]
-        if len(subset.added) == 1:
-            large = [float(np.sign(a) * np.clip(abs(a), 1.0, FARTHEST)) for a in small]
-            found += [self._at(kept, sets, subset, large)] if large != small else []
-        return [Start(parameters, begun) for parameters in found]
-
-    def _at(self, kept: ParameterSet, sets: Sets, subset: Subset, shares: Sequence[float]) -> ParameterSet:
-        """Return a process with candidates at these strengths, in typical sizes."""
-        effects: list[Effect] = []
-        moved: dict[str, float] = defaultdict(float)
-        for k, share in zip(subset.added, shares, strict=True):
-            candidate = sets.screen.chosen[k]
-            effects.append(candidate.at(share))
-            size = np.sqrt(max(share, 0.0)) if isinstance(candidate, Bent) else share
-            for name, change in sets.screen.answers[k].items():
-                moved[name] += size * change
-        process = joined(kept, effects, self.baseline.free)
-        free = self.fitter.free(process)
-        values = [value + moved[name] for name, value in zip(free.names, free.start, strict=True)]
-        return free.parameters(free.allowed(np.array(values)))
+        """Return where the refit of a set begins: what stays of the model, as fitted alone, with what comes in."""
+        alone = self.fitted.get(frozenset(subset.kept), model)
+        return beside(alone if alone.nuisances else model, sets, subset, self.fitter, self.baseline)
 
     def _refit(self, starts: Mapping[Names, Sequence[Start]]) -> None:
         """Refit sets quickly."""
