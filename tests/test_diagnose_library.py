@@ -74,6 +74,30 @@ class TestCandidates:
         (steepest,) = (one for one in candidates(ParameterSet()) if one.switch == "max_angle_deg")
         assert steepest.one_sided == -1 and steepest.unit < 0 and steepest.sign == 1
 
+    def test_of_an_effect_that_a_diagnosis_has_named_are_its_other_switches_as_it_stands_there(self):
+        """Its shape, too, where it matters already: the periods of a wave are open where only a bend is there."""
+        bow = library()["field-curvature"](sag_um=0.3)
+        bent = library()["z-linearity"](quadratic_um=0.02)
+        there = ParameterSet(effects=(bow, bent, library()["curl"](rise_um=0.1)))
+        found = [
+            one for one in candidates(there, ["field-curvature", "z-linearity"]) if one.name in (bow.name, bent.name)
+        ]
+        assert {one.switch for one in found} == {"coma_x_um", "coma_y_um", "periodic_um"}
+        assert all(one.effect == bow for one in found if one.name == bow.name)
+        assert {one.effect.period_um for one in found if one.name == bent.name} > {3.0}
+        (coma,) = (one for one in found if one.switch == "coma_x_um")
+        assert coma.at(0.5) == replace(bow, coma_x_um=0.05)
+        assert coma.alone(0.5) == library()["field-curvature"](coma_x_um=0.05)
+
+    def test_of_one_with_several_switches_on_each_could_do_alone(self):
+        tilted = library()["substrate-tilt"](tilt_x_mrad=3.0, tilt_y_mrad=2.0)
+        found = candidates(ParameterSet(effects=(tilted,)), ["substrate-tilt"])
+        own = {one.switch: one for one in found if one.name == "substrate-tilt"}
+        assert set(own) == {"tilt_x_mrad", "tilt_y_mrad"}
+        moved = own["tilt_y_mrad"].at(1.0)
+        assert (moved.tilt_x_mrad, moved.tilt_y_mrad) == (3.0, 7.0) and own["tilt_y_mrad"].size_of(moved) == 1.0
+        assert own["tilt_y_mrad"].alone(1.0) == library()["substrate-tilt"](tilt_y_mrad=5.0)
+
     def test_what_bends_grows_with_the_square_of_its_size(self):
         curl = library()["curl"]()
         up, down = (Bent(curl, "rise_um", direction) for direction in (1.0, -1.0))
@@ -100,7 +124,7 @@ def linearised(truth, begun=None, named=()):
 def part():
     """Look at a part of the library alone."""
     with pytest.MonkeyPatch.context() as patch:
-        some = lambda parameters: [one for one in candidates(parameters) if one.name in CHOSEN]  # noqa: E731
+        some = lambda *of: [one for one in candidates(*of) if one.name in CHOSEN]  # noqa: E731
         patch.setattr(signatures_of, "candidates", some)
         yield
 
@@ -128,6 +152,20 @@ class TestSignatures:
         pair = (predict(target, p).heights_um for p in (fit.parameters, lacking(fit.parameters, ["curl"])))
         np.testing.assert_allclose(signatures.done_um["curl"][0], np.subtract(*pair), atol=1e-6)
         assert "curl" not in {one.name for one in signatures.chosen}
+
+    def test_of_another_switch_are_beside_the_effect_as_it_is_and_the_other_way_at_the_end_of_a_range(self):
+        kind, ramp = library()["substrate-tilt"], np.tile(np.clip(0.5 * np.arange(40), 0, 8), (20, 1))
+        target = HeightMap(ramp, 0.5, 0.5)
+        end = declarations(kind)["tilt_x_mrad"][1].high
+        there = ParameterSet(paper=PAPER, effects=(kind(tilt_x_mrad=end, tilt_y_mrad=1.0),))
+        known = trace(target, there, Levels())
+        for switch, direction in (("tilt_x_mrad", -1.0), ("tilt_y_mrad", 1.0)):
+            change, _ = signatures_of._change(
+                Candidate(there.effects[0], switch), target, np.ones(target.shape, bool), known, there
+            )
+            moved = replace(there.effects[0], **{switch: getattr(there.effects[0], switch) + direction * 2.5})
+            shown = trace(target, replace(there, effects=(moved,)), Levels()).heights_um
+            np.testing.assert_allclose(change, (shown - known.heights_um) * direction / 0.5, atol=1e-5)
 
     def test_a_law_that_begins_with_a_threshold_is_tried_where_it_begins(self):
         """A cone touches flanks steeper than its own, 80° at a half-angle of 10° and 70° at one of 20°."""

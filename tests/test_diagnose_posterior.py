@@ -16,7 +16,7 @@ from dlwpredict.diagnosis.search import Search
 from dlwpredict.diagnosis.starts import FARTHEST, LEAST, START_SHARE
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose
-from dlwpredict.infer.model import freed
+from dlwpredict.infer.model import freed, key_of, switched
 from dlwpredict.parameters import ParameterSet
 
 THRESHOLDS = Thresholds(12.0, 7.0, 5.0)
@@ -26,16 +26,23 @@ def price(effects):
     return THRESHOLDS.first + (effects - 1) * THRESHOLDS.next if effects else 0.0
 
 
-def screen_of(columns, residual, names=None, signs=None, named=(), own=0, answers=None):
+def typical(name):
+    """Return an effect with its first switch on."""
+    kind = library()[name]
+    return kind(**dict([*kind.switches().items()][:1]))
+
+
+def screen_of(columns, residual, names=None, signs=None, named=(), own=0, answers=None, switches=None):
     """Return columns of length 1 beside the process; the first `own` of them belong to the named effect."""
     columns = columns / np.linalg.norm(columns, axis=0)
     count = columns.shape[1] - own
     names = names or [f"effect-{k}" for k in range(count)]
     signs = [0] * count if signs is None else signs
-    chosen = [SimpleNamespace(name=name, sign=sign) for name, sign in zip(names, signs, strict=True)]
-    one = np.ones(count)
+    each = zip(names, signs, switches or ["switch"] * count, strict=True)
+    chosen = [SimpleNamespace(name=name, sign=sign, switch=switch) for name, sign, switch in each]
+    one, model = np.ones(count), SimpleNamespace(parameters=ParameterSet(effects=tuple(map(typical, named))))
     return Linearised(
-        None, named, chosen, (slice(0, own),) if named else (), columns.T @ columns, columns.T @ residual, one, one,
+        model, named, chosen, (slice(0, own),) if named else (), columns.T @ columns, columns.T @ residual, one, one,
         one, np.ones(len(named)), answers or [{} for _ in chosen], float(residual @ residual),
     )  # fmt: skip
 
@@ -110,21 +117,45 @@ class TestEnumeration:
         columns = rng.normal(size=(50, 6))
         columns /= np.linalg.norm(columns, axis=0)
         residual = columns @ [5.0, 3.0, 6.0, 0.0, 0.0, 0.0] + 0.5 * rng.normal(size=50)
-        screen = screen_of(columns, residual, named=("named",), own=2)
+        screen = screen_of(columns, residual, named=("curl",), own=2)
         found = {one.names: one.gain for one in Sets.of(screen, price).ranked}
 
         def gain(*own):
             part = columns[:, list(own)]
             return residual @ part @ np.linalg.lstsq(part, residual, rcond=None)[0]
 
-        assert found[frozenset({"named"})] == pytest.approx(gain(0, 1))
-        assert found[frozenset({"named", "effect-0"})] == pytest.approx(gain(0, 1, 2))
+        assert found[frozenset({"curl"})] == pytest.approx(gain(0, 1))
+        assert found[frozenset({"curl", "effect-0"})] == pytest.approx(gain(0, 1, 2))
         assert found[frozenset({"effect-0", "effect-1"})] == pytest.approx(gain(2, 3))
         sets = Sets.of(screen, price)
         assert all(one.cost == pytest.approx(screen.cost - one.gain + price(len(one.names))) for one in sets.ranked)
-        both = next(one for one in sets.ranked if one.names == {"named", "effect-0"})
+        both = next(one for one in sets.ranked if one.names == {"curl", "effect-0"})
         expected = np.linalg.lstsq(columns[:, :3], residual, rcond=None)[0][2]
         assert sets.strengths(both) == pytest.approx([expected])
+
+    def test_each_switch_that_comes_in_is_a_model_of_its_own_and_each_further_one_is_paid_for(self):
+        """Of two shapes of one switch the better; beside the model's own, or in its place."""
+        columns, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(40, 5)))
+        names, switches = ["field-curvature"] * 3 + ["substrate-tilt"], ["sag", "sag", "coma", "tilt"]
+        residual = columns @ [9.0, 5.0, 6.0, 7.0, 8.0]
+        new = Sets.of(screen_of(np.delete(columns, 0, 1), residual, names, switches=switches), price).ranked
+        assert [one.added for one in new if one.names == {"field-curvature"}] == [(2,), (1,)]
+        assert [one.added for one in new if one.names == {"field-curvature", "substrate-tilt"}] == [(2, 3), (1, 3)]
+        screen = screen_of(columns, residual, names, switches=switches, named=("field-curvature",), own=1)
+        sets = Sets.of(screen, price).ranked
+        own = {(one.kept, one.added): one.cost for one in sets if one.names == {"field-curvature"}}
+        kept = ("field-curvature",)
+        expected = {
+            (kept, ()): 81,
+            ((), (1,)): 36,
+            ((), (2,)): 49,
+            (kept, (1,)): 81 + 36 - 7,
+            (kept, (2,)): 81 + 49 - 7,
+        }
+        whole = screen.cost + price(1)
+        assert own == pytest.approx({key: whole - gain for key, gain in expected.items()})
+        more = [(one.kept, one.added) for one in sets if one.names == {"field-curvature", "substrate-tilt"}]
+        assert more == [(kept, (3,))], "one change of the model's own at a time"
 
 
 def sets_of(gains, cost=1000.0):
@@ -155,6 +186,22 @@ class TestLeading:
         assert led(gains, "a") == ["b"]
         assert led(gains, "a", reach=250.0) == ["b", "c"]
 
+    def test_of_each_the_two_switches_that_promise_most(self):
+        """In the place of its own where that brings half of what it does; beside it where it brings half its price."""
+        sets = sets_of({"": 0.0, "a": 100.0, "b": 90.0})
+        b = next(one for one in sets.ranked if one.names == {"b"})
+        sets.ranked[:0] = [replace(b, added=(k,)) for k in (1, 2, 3)]
+        a = next(one for one in sets.ranked if one.names == {"a"})
+        own = {((), (4,)): 49.0, ((), (5,)): 51.0, (("a",), (6,)): 103.0, (("a",), (7,)): 104.0, (("a",), (8,)): 110.0}
+        sets.ranked.extend(replace(a, kept=kept, added=added, gain=gain) for (kept, added), gain in own.items())
+        sets.ranked[sets.ranked.index(a)] = replace(a, kept=("a",))
+        found = sets.leading(frozenset("a"), 20.0)
+        assert [("".join(one.names), one.added) for one in found] == [
+            ("b", (1,)),
+            ("b", (2,)),
+            *(("a", (k,)) for k in (5, 7, 8)),
+        ]
+
 
 class Toy(Search):
     """A search among fits that are known."""
@@ -171,7 +218,9 @@ def search(gains, cost=1000.0, **spread):
 
     def fit(names, gain):
         effects = tuple(library()[n]() for n in names)
-        return SimpleNamespace(cost=cost - gain, parameters=ParameterSet(effects=effects), nuisances=True, promise=0.0)
+        free = SimpleNamespace(names=names)
+        parameters = ParameterSet(effects=effects)
+        return SimpleNamespace(cost=cost - gain, parameters=parameters, nuisances=True, promise=0.0, free=free)
 
     fitted = {frozenset(names): fit(names, gain) for names, gain in ({(): 0.0} | gains).items()}
     return Toy(
@@ -217,15 +266,19 @@ class TestSearch:
     @pytest.mark.parametrize("settled", [False, True])
     def test_a_reduced_model_is_begun_where_the_set_was_fitted_once_unless_it_is_converged(self, settled):
         """The quick fit of one of two effects brings 10; begun at both it brings 95."""
+
+        def named_by(parameters):
+            return SimpleNamespace(names=[effect.name for effect in parameters.effects])
+
         found, begun = search({CURL: 10.0, CURL + FIELD: 100.0}), []
-        better = search({CURL: 95.0}).fitted[frozenset(CURL)]
+        better = search({CURL: 95.0, FIELD: 95.0}).fitted
 
         def contest(models):
             begun.extend(own[0].parent for own in models)
-            return {tuple(effect.name for effect in own[0].parameters.effects): better for own in models}
+            return {key_of(named_by(own[0].parameters)): better[found.names(own[0].parameters)] for own in models}
 
         found.fitter = SimpleNamespace(
-            free=lambda parameters: SimpleNamespace(names=[effect.name for effect in parameters.effects]),
+            free=named_by,
             settled=lambda fit: settled, reopened=lambda start: True, contest=contest, settle=lambda fits: fits,
         )  # fmt: skip
         both = frozenset(CURL + FIELD)
@@ -247,6 +300,20 @@ class TestSearch:
     def test_one_effect_alone_pays_for_no_form(self):
         found = search({CURL: 1000.0})
         assert [found.price(effects) for effects in (0, 1, 2)] == [0, 12, 12 + 7 + 30]
+
+    def test_each_switch_of_an_effect_must_gain_its_own(self):
+        """One more gains 6 or 8 beside 20, where the price of one more is 7.6."""
+        for more, switches in ((6.0, 1), (8.0, 2)):
+            found = search({("substrate-tilt",): 20.0})
+            one = found.fitted[frozenset({"substrate-tilt"})]
+            both = library()["substrate-tilt"](tilt_x_mrad=3.0, tilt_y_mrad=2.0)
+            two = SimpleNamespace(**vars(one) | {"cost": one.cost - more, "parameters": ParameterSet(effects=(both,))})
+            found._keep([two])
+            (kept,) = found.fitted[frozenset({"substrate-tilt"})].parameters.effects
+            assert len(switched(kept)) == switches - (switches == 1)
+            assert found.needed(frozenset({"substrate-tilt"}), "substrate-tilt") == pytest.approx(
+                12.0 + (switches - 1) * (7 + 0.03 * (20 + more))
+            )
 
     def test_a_name_must_gain_what_the_process_itself_cannot_have(self):
         """Of 40, 12 must stand: three tenths. Else the next best is taken; what falls for this alone is doubted."""
@@ -330,6 +397,21 @@ class TestSearch:
         assert [one.parameters.effects[0].rise_um / typical for one in starts] == pytest.approx(begun)
         moved = [one.parameters.paper.threshold - ParameterSet().paper.threshold for one in starts]
         assert moved == pytest.approx([0.02 * share for share in begun])
+
+    def test_another_switch_of_an_effect_comes_in_beside_its_own_or_in_its_place(self):
+        bow = library()["field-curvature"](sag_um=0.3)
+        found = search({FIELD: 100.0})
+        found.baseline.free = choose(ParameterSet())
+        found.fitter = SimpleNamespace(free=lambda parameters: freed(parameters, found.baseline.free))
+        model = found.fitted[frozenset(FIELD)]
+        model.parameters = ParameterSet(effects=(bow,))
+        own, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(20, 2)))
+        screen = screen_of(own, own @ [1.0, 0.8], named=FIELD, own=1)
+        screen.chosen[0] = Candidate(bow, "coma_x_um")
+        for kept, sag in (FIELD, 0.3), ((), 0.0):
+            start = found._starts(model, Sets(screen, price, []), Subset(kept, (0,), frozenset(FIELD), 0.0, 0.0))[0]
+            (begun,) = start.parameters.effects
+            assert (begun.sag_um, begun.coma_x_um) == pytest.approx((sag, 0.04))
 
     @pytest.mark.parametrize("whole", [True, False])
     def test_in_the_place_of_an_effect_begins_where_the_others_were_fitted_without_it(self, whole):

@@ -10,7 +10,7 @@ from dlwpredict.infer.recording import prepare
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
 from dlwpredict.noise.estimate import estimate
 from dlwpredict.noise.likelihood import model_at
-from dlwpredict.noise.lines import Lines
+from dlwpredict.noise.lines import Lines, _gain
 from dlwpredict.noise.unevenness import Ground, Uneven, Unevenness, grown
 from dlwpredict.noise.whitening import Neighbourhood, Whitener
 
@@ -169,6 +169,24 @@ class TestLines:
         values = Uneven(self.EVEN, rows=rows).simulate(used.shape, np.random.default_rng(seed))
         level = np.stack([np.ones(x.shape), x, y])
         return estimate(values, used, (0.3, 0.3), level, ground=Ground(axes=axes), seed=1).model
+
+    def test_the_gain_of_offsets_is_that_of_dense_algebra_and_so_are_its_derivatives(self):
+        """Determinant and quadratic form of the covariance of whitened values; derivatives by central differences."""
+        rng = np.random.default_rng(0)
+        lines = Lines(white_um=0.4, red_um=0.5, red_lines=3.0, hum_um=0.3, hum_lines=9.0, period_lines=5.0)
+        on = np.kron(np.eye(12), np.ones((4, 1))) + 0.1 * rng.normal(size=(48, 12))
+        values = rng.normal(size=48)
+
+        def dense(covariance):
+            whole = np.eye(48) + on @ covariance @ on.T
+            return values @ values - values @ np.linalg.solve(whole, values) - np.linalg.slogdet(whole)[1]
+
+        gain, slopes = _gain(lines, on.T @ on, on.T @ values)
+        assert gain == pytest.approx(dense(lines.covariance(12)))
+        for lag in (0, 1, 5, 11):
+            step = 1e-5 * (np.eye(12, k=lag) + np.eye(12, k=-lag)) / (2 if lag == 0 else 1)
+            moved = [dense(lines.covariance(12) + way * step) for way in (1, -1)]
+            assert slopes[lag] == pytest.approx(np.subtract(*moved) / 2e-5, rel=1e-4)
 
     @pytest.mark.slow
     def test_drift_hum_and_tilts_are_told_apart(self):

@@ -108,7 +108,7 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
     for names, rival in search.fitted.items():
         if len(names) == len(best) and len(names - best) == 1 and best - names == {name}:
             rivals[next(iter(names - best))] = rival
-    losses = {member: max(rival.cost - fit.cost, 0.0) for member, rival in rivals.items()}
+    losses = {member: max(search.priced(rival) - search.priced(fit), 0.0) for member, rival in rivals.items()}
     weights = {member: float(np.exp(-loss / width / 2)) for member, loss in losses.items()}
     whole, held, members = sum(weights.values()), 0.0, []
     for member in sorted(weights, key=lambda member: -weights[member]):

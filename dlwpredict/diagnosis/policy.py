@@ -28,6 +28,9 @@ SINGLES, PAIRS, NEXT, INSTEAD = 5, 2, 3, 3
 """Refits of a round: single effects, pairs that beat every single one; beside a model: effects added, and effects in
 the place of each. The first are the ones that the linear screen puts first; a round begins anew where it ends."""
 
+BY_SWITCH = 2
+"""Switches of an effect that are tried, at each place that it may take: those that the screen puts first."""
+
 HALF = 0.5
 """An effect that explains less than this share of what the best explains, to first order, is not refitted first."""
 

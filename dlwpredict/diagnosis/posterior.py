@@ -6,6 +6,7 @@ probability goes as exp(−cost/2).
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -28,12 +29,12 @@ class Subset:
     kept : tuple of str
         Effects of the model.
     added : tuple of int
-        Candidates.
+        Candidates; one may be another switch of an effect of the model, in the place of its own or beside them.
     names : frozenset of str
     gain : float
         Fall of −2 ln L from the process alone.
     cost : float
-        What it costs, the threshold of its size included.
+        What it costs, the threshold of its switches included.
     """
 
     kept: tuple[str, ...]
@@ -45,12 +46,15 @@ class Subset:
 
 @dataclass(frozen=True, eq=False)
 class Sets:
-    """The best sets to first order about a model, each set of names once, the likeliest first.
+    """The best sets to first order about a model, the likeliest first.
+
+    Each stands once for every choice of the switches that come in: by which an effect promises most tells little about
+    by which it fits best, once the process has answered. Those of the model's own effects change one at a time.
 
     Parameters
     ----------
     screen : Linearised
-    price : function of the number of effects
+    price : function of the number of switches
         What they must gain.
     ranked : list of Subset
     """
@@ -62,10 +66,11 @@ class Sets:
     @classmethod
     def of(cls, screen: Linearised, price: Callable[[int], float]) -> Sets:
         """Enumerate all sets of up to `policy.MOST_EFFECTS` effects."""
-        best: dict[frozenset[str], Subset] = {}
+        best: dict[tuple[object, ...], Subset] = {}
         for subset in _enumerated(screen, price):
-            if subset.names not in best or subset.cost < best[subset.names].cost:
-                best[subset.names] = subset
+            key = subset.names, subset.kept, *(screen.chosen[k].switch for k in subset.added)
+            if key not in best or subset.cost < best[key].cost:
+                best[key] = subset
         return cls(screen, price, sorted(best.values(), key=lambda one: one.cost))
 
     def strengths(self, subset: Subset) -> list[float]:
@@ -82,8 +87,8 @@ class Sets:
         """Return the sets to refit next, beside a model with these names.
 
         With nothing named these are the best single effects, and pairs that beat all of them: opposed effects mask each
-        other until both are there. Else one effect more, one in the place of each, and one less. To first order each
-        must promise half of what it needs, for laws that bend may bring the rest.
+        other until both are there. Else one effect more, one in the place of each, and one less; and the same by other
+        switches. To first order each must promise half of what it needs, for laws that bend may bring the rest.
 
         Parameters
         ----------
@@ -91,23 +96,35 @@ class Sets:
         reach : float
             How far in 2 ln L a set may be behind the model and still be looked at.
         """
-        here = next((one.gain for one in self.ranked if one.names == model), 0.0)
+        here = next((one.gain for one in self.ranked if one.names == model and not one.added), 0.0)
         needed = policy.HALF * (self.price(len(model) + 1) - self.price(len(model)))
         more = [one for one in self.ranked if one.names > model and len(one.names) == len(model) + 1]
         more = [one for one in more if one.gain - here >= needed]
         if not model:
             best = max((one.gain for one in more), default=0.0)
-            chosen = [one for one in more if one.gain >= policy.HALF * best][: policy.SINGLES]
             lowest = min((one.cost for one in more), default=self.screen.cost)
-            return chosen + [one for one in self.ranked if len(one.names) == 2 and one.cost < lowest][: policy.PAIRS]
-        chosen = more[: policy.NEXT]
+            pairs = [one for one in self.ranked if len(one.names) == 2 and one.cost < lowest]
+            singles = [one for one in more if one.gain >= policy.HALF * best]
+            return _first(policy.SINGLES, singles) + _first(policy.PAIRS, pairs)
+        same = [one for one in self.ranked if one.names == model and one.added]
+        chosen = _first(policy.NEXT, more)
         for name in sorted(model):
             others = [one for one in self.ranked if one.names & model == model - {name}]
-            fewer = next((one.gain for one in others if one.names == model - {name}), 0.0)
-            least = here - max(reach, policy.HALF * (here - fewer))
-            chosen += [one for one in others if len(one.names) == len(model) and one.gain >= least][: policy.INSTEAD]
-            chosen += [one for one in others if one.names == model - {name} and one.names]
-        return chosen
+            without = [one for one in others if one.names == model - {name} and not one.added]
+            least = here - max(reach, policy.HALF * (here - max((one.gain for one in without), default=0.0)))
+            instead = [one for one in others if len(one.names) == len(model) and one.gain >= least]
+            switched = [one for one in same if set(one.kept) == model - {name} and one.gain >= least]
+            chosen += _first(policy.INSTEAD, instead) + _first(1, switched)
+            chosen += [one for one in without if one.names]
+        return chosen + _first(1, [one for one in same if set(one.kept) == model and one.gain >= here + needed])
+
+
+def _first(count: int, sets: Sequence[Subset]) -> list[Subset]:
+    """Return the first so many sets of names, each by the two choices of switches that promise most."""
+    own: dict[frozenset[str], list[Subset]] = defaultdict(list)
+    for one in sets:
+        own[one.names].append(one)
+    return [one for some in list(own.values())[:count] for one in some[: policy.BY_SWITCH]]
 
 
 def _enumerated(screen: Linearised, price: Callable[[int], float]) -> Iterator[Subset]:
@@ -119,7 +136,7 @@ def _enumerated(screen: Linearised, price: Callable[[int], float]) -> Iterator[S
 
 def _beside(screen: Linearised, price: Callable[[int], float], kept: tuple[str, ...]) -> Iterator[Subset]:
     """Yield the best sets that hold these effects of the model, and candidates."""
-    first, columns = screen.first, _columns(screen, kept)
+    first, columns, on = screen.first, _columns(screen, kept), sum(screen.on[name] for name in kept)
     products, raw, known = screen.products[first:, first:], screen.raw[first:], 0.0
     if columns:
         own, cross = (
@@ -132,11 +149,13 @@ def _beside(screen: Linearised, price: Callable[[int], float], kept: tuple[str, 
 
     def subset(added: tuple[int, ...], gain: float) -> Subset:
         names = frozenset((*kept, *(screen.chosen[k].name for k in added)))
-        return Subset(kept, added, names, known + gain, screen.cost - known - gain + price(len(names)))
+        return Subset(kept, added, names, known + gain, screen.cost - known - gain + price(on + len(added)))
 
     yield subset((), 0.0)
-    for added, gain in _gains(screen, products, raw, policy.MOST_EFFECTS - len(kept)):
-        yield subset(added, gain)
+    for added, gain in _gains(screen, products, raw, max(policy.MOST_EFFECTS - len(kept), 1)):
+        new = all(screen.names[k] not in screen.named for k in added)
+        if (new or len(added) == 1) and len((one := subset(added, gain)).names) <= policy.MOST_EFFECTS:
+            yield one
 
 
 def _gains(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +15,7 @@ from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.starts import behind_widths, beside
 from dlwpredict.infer.fitter import Fitter, Start
-from dlwpredict.infer.model import Key, key_of, lacking
+from dlwpredict.infer.model import Key, effect_of, key_of, lacking, switched
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import ParameterSet
@@ -62,9 +63,7 @@ class Search:
 
     def begin_with(self, earlier: Iterable[Start]) -> None:
         """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
-        starts = {self.names(start.parameters): [start] for start in earlier}
-        starts.pop(frozenset(), None)
-        self._refit(starts)
+        self._refit(start for start in earlier if self.names(start.parameters))
 
     def round(self) -> Names:
         """Refit the leading sets beside the best one; return the names of the best set then.
@@ -74,34 +73,38 @@ class Search:
         """
         before = self.rested()
         sets = Sets.of(self.screen(before), self.price)
-        model, starts = self.fitted[before], {}
-        for subset in sets.leading(before, self.width_of_set(before)):
-            begun = self._starts(model, sets, subset)
-            if not self.fitter.has(begun[0]):
-                starts[subset.names] = begun
-        self._refit(starts)
+        model = self.fitted[before]
+        leading = sets.leading(before, self.width_of_set(before))
+        starts = [start for subset in leading for start in self._starts(model, sets, subset)]
+        self._refit(start for start in starts if not self.fitter.has(start))
         best = self.rested()
         if best == before:
             self._settle(before)
             best = self.rested()
         if best == before:
-            self._refit(self._behind_widths(model, sets.screen, before))
+            self._refit(self._behind_widths(model, sets.screen))
             self._settle(before)
             best = self.rested()
         return best
 
-    def _behind_widths(self, model: Fit, screen: Linearised, names: Names) -> dict[Names, list[Start]]:
+    def _behind_widths(self, model: Fit, screen: Linearised) -> list[Start]:
         """Return starts for effects whose place a width may have taken, of sets that are not converged."""
-        starts = {names | {name}: own for name, own in behind_widths(model, screen, self.fitter, self.baseline).items()}
-        return {names: own for names, own in starts.items() if self.fitter.reopened(own[0])}
+        starts = behind_widths(model, screen, self.fitter, self.baseline)
+        return [start for start in starts if self.fitter.reopened(start)]
 
-    def price(self, effects: int) -> float:
-        """Return what so many effects must gain: what noise hardly ever gives them, and what a formula may be wrong.
+    def price(self, switches: int) -> float:
+        """Return what so many switches must gain: what noise hardly ever gives them, and what a formula may be wrong.
 
-        The form of the strongest effect is trusted to a share of its energy. What it is wrong by is there for any
-        further effect to explain, which must gain more than it can take of that.
+        Those of all effects together: most have one. The form of the strongest effect is trusted to a share of its
+        energy. What it is wrong by is there for any further switch to explain, which must gain more than it can take of
+        that.
         """
-        return self.asked.first + (effects - 1) * (self.asked.next + self.form_error) if effects else 0.0
+        return self.asked.first + (switches - 1) * (self.asked.next + self.form_error) if switches else 0.0
+
+    def priced(self, fit: Fit) -> float:
+        """Return what a fit costs, with the price of its switches."""
+        own = self.names(fit.parameters)
+        return fit.cost + self.price(sum(on(fit, name) for name in own))
 
     @property
     def form_error(self) -> float:
@@ -112,9 +115,9 @@ class Search:
 
     def needed(self, names: Names, name: str) -> float:
         """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors."""
-        alone = len(names) == 1
-        noise = self.asked.first if alone else self.asked.next
-        return noise * self.spread.get(name, 1.0) ** 2 + (0.0 if alone else self.form_error)
+        more = on(self.fitted[names], name) - (len(names) == 1)
+        noise = more * self.asked.next + (self.asked.first if len(names) == 1 else 0.0)
+        return noise * self.spread.get(name, 1.0) ** 2 + more * self.form_error
 
     def near(self, best: Names) -> list[Start]:
         """Return where the best fit is, and those that come near it: another noise model might prefer them.
@@ -179,7 +182,7 @@ class Search:
         known = 0
         while len(self.fitted) > known:
             known = len(self.fitted)
-            order = sorted(self.fitted, key=lambda names: self.fitted[names].cost + self.price(len(names)))
+            order = sorted(self.fitted, key=lambda names: self.priced(self.fitted[names]))
             found = next(names for names in order if self._admissible(names))
         return found
 
@@ -217,7 +220,7 @@ class Search:
             self.reduced.add((names, name))
             start = Start(lacking(self.fitted[names].parameters, [name]), self.fitted[names])
             if fewer not in self.fitted or self.fitter.reopened(start):
-                self._refit({fewer: [start]})
+                self._refit([start])
         self._settle(names, [fewer])
         return self.fitted[fewer]
 
@@ -270,10 +273,20 @@ class Search:
         alone = self.fitted.get(frozenset(subset.kept), model)
         return beside(alone if alone.nuisances else model, sets, subset, self.fitter, self.baseline)
 
-    def _refit(self, starts: Mapping[Names, Sequence[Start]]) -> None:
-        """Refit sets quickly."""
-        keys: dict[Key, Names] = {key_of(self.fitter.free(own[0].parameters)): names for names, own in starts.items()}
-        self._keep({keys[key]: fit for key, fit in self.fitter.contest(list(starts.values())).items()})
+    def _refit(self, starts: Iterable[Start]) -> None:
+        """Refit models quickly; the same effects by other switches are another model."""
+        models: dict[Key, list[Start]] = defaultdict(list)
+        for start in starts:
+            models[key_of(self.fitter.free(start.parameters))].append(start)
+        fits = list(self.fitter.contest(list(models.values())).values())
+        self._keep(fits)
+        self._keep(self.fitter.settle([fit for fit in fits if self._may_replace(fit)]))
+
+    def _may_replace(self, fit: Fit) -> bool:
+        """Tell whether a quick fit by other switches promises to be better than the set as it is known."""
+        known = self.fitted[self.names(fit.parameters)]
+        other = fit.free.names != known.free.names and not self.fitter.settled(fit)
+        return other and self.priced(fit) - fit.promise < self.priced(known)
 
     def _settle(self, beside: Names, among: Iterable[Names] | None = None) -> None:
         """Bring to convergence what may matter beside a set, of all sets or of some: what is near, or may come near."""
@@ -281,8 +294,7 @@ class Search:
         hopes = {names: costs[names] - self.fitted[names].promise for names in among or costs}
         near = [names for names, hope in hopes.items() if hope <= self._limit(names, costs, beside)]
         near = [names for names in near if names and not self._settled(names)]
-        fits = self.fitter.settle([self.fitted[names] for names in near])
-        self._keep(dict(zip(near, fits, strict=True)))
+        self._keep(self.fitter.settle([self.fitted[names] for names in near]))
 
     def _limit(self, names: Names, costs: Mapping[Names, float], beside: Names) -> float:
         """Return the highest cost at which a set matters beside the best one.
@@ -297,7 +309,14 @@ class Search:
         gain = max(self.baseline.cost - least, 0.0)
         return least + policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
 
-    def _keep(self, fits: Mapping[Names, Fit]) -> None:
-        for names, fit in fits.items():
-            if names not in self.fitted or fit.cost < self.fitted[names].cost:
+    def _keep(self, fits: Iterable[Fit]) -> None:
+        """Keep the best fit of every set, by whatever switches of its effects."""
+        for fit in fits:
+            names = self.names(fit.parameters)
+            if names not in self.fitted or self.priced(fit) < self.priced(self.fitted[names]):
                 self.fitted[names] = fit
+
+
+def on(fit: Fit, name: str) -> int:
+    """Return how many switches of an effect are on in a fit: one, where the fit has put it to nothing."""
+    return max(len(switched(effect_of(fit.parameters, name))), 1)

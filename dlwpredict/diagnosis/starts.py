@@ -48,7 +48,7 @@ def _at(
     moved: dict[str, float] = defaultdict(float)
     for k, share in zip(subset.added, shares, strict=True):
         candidate = sets.screen.chosen[k]
-        effects.append(candidate.at(share))
+        effects.append(candidate.at(share) if candidate.name in subset.kept else candidate.alone(share))
         size = np.sqrt(max(share, 0.0)) if isinstance(candidate, Bent) else share
         for name, change in sets.screen.answers[k].items():
             moved[name] += size * change
@@ -57,8 +57,8 @@ def _at(
     return free.parameters(free.allowed(np.array(values)))
 
 
-def behind_widths(model: Fit, screen: Linearised, fitter: Fitter, baseline: Fit) -> dict[str, list[Start]]:
-    """Return starts for effects whose place a width may have taken that came out far from its prior, by their names.
+def behind_widths(model: Fit, screen: Linearised, fitter: Fitter, baseline: Fit) -> list[Start]:
+    """Return starts for effects whose place a width may have taken that came out far from its prior.
 
     About such a width no tangent shows them. They are those that the process hides, and that could bring the width back
     within their range; the process begins at the paper's seven.
@@ -72,10 +72,10 @@ def behind_widths(model: Fit, screen: Linearised, fitter: Fitter, baseline: Fit)
             place = candidate.name, candidate.switch, size > 0
             if max(brought, default=0.0) >= 1 and screen.whole[k] > largest.get(place, (0.0, k))[0]:
                 largest[place] = float(screen.whole[k]), k
-    starts: dict[str, list[Start]] = defaultdict(list)
-    for (name, _, above), (_, k) in largest.items():
+    starts = []
+    for (_, _, above), (_, k) in largest.items():
         process = joined(model.parameters, [screen.chosen[k].at(1.0 if above else -1.0)], baseline.free)
         free = fitter.free(process)
         begun = from_paper(free, free.start)
-        starts[name].append(Start(process if begun is None else free.parameters(begun)))
+        starts.append(Start(process if begun is None else free.parameters(begun)))
     return starts

@@ -28,11 +28,16 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
     """
     names = [name for name in like.names if "." not in name]
     for effect in parameters.effects:
-        on = [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+        on = switched(effect)
         shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
         shapes = [n for n in shapes if not levelled(type(effect), n) and any(matters(type(effect), s, n) for s in on)]
         names += [f"{effect.name}.{n}" for n in (*on, *shapes)]
     return choose(parameters, free=names)
+
+
+def switched(effect: Effect) -> list[str]:
+    """Return the switches of an effect that are on."""
+    return [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
 
 
 def moving(parameters: ParameterSet, like: Free) -> Free:
@@ -85,6 +90,16 @@ def lacking(parameters: ParameterSet, names: Sequence[str]) -> ParameterSet:
 
 
 def joined(parameters: ParameterSet, effects: Sequence[Effect], like: Free) -> ParameterSet:
-    """Return the process with effects added; what they share with those present keeps its value."""
+    """Return the process with effects, each in the place of its own where it has one already.
+
+    What moves there, and what effects share, keeps its value.
+    """
     known = {name: value_of(parameters, name) for name in freed(parameters, like).names}
-    return with_values(replace(parameters, effects=(*parameters.effects, *effects)), known)
+    return with_values(holding(parameters, effects), known)
+
+
+def holding(parameters: ParameterSet, effects: Sequence[Effect]) -> ParameterSet:
+    """Return the process with effects, each in the place of its own where it has one already."""
+    new = {effect.name: effect for effect in effects}
+    there = {effect.name: new.pop(effect.name, effect) for effect in parameters.effects}
+    return replace(parameters, effects=(*there.values(), *new.values()))

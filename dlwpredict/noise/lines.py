@@ -7,6 +7,7 @@ it is part of the covariance: flattening line by line would take the same share 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import linalg, optimize, sparse, special
@@ -33,8 +34,9 @@ HALF = 0.5
 SMALLEST = 1e-4
 """Part of the variance of the offsets below which a part is none."""
 
-EVALUATIONS = 150
-"""Covariances that are tried at most, for each part that is added."""
+STEP, FLAT = 1e-4, 1e-6
+"""Change of the logarithm of a parameter by which covariances are differentiated; and the share of the gain, less than
+which one more step of the descent would bring."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,7 @@ class Lines:
 
     def root(self, count: int) -> np.ndarray:
         """Return L with L·Lᵀ the covariance of the offsets, µm, shape (count, count)."""
-        matrix = self.covariance(count)
-        return np.linalg.cholesky(matrix + 1e-9 * max(matrix[0, 0], 1e-300) * np.eye(count))
+        return _root(self, count)
 
     def simulate(self, rows: int, cols: int, rng: np.random.Generator, draws: int) -> np.ndarray:
         """Draw offsets and tilts of lines that are rows, or lean against them, µm, shape (draws, rows, cols)."""
@@ -124,6 +125,12 @@ class Lines:
         if self.tilt_um:
             drawn += on_lines(whole, 0, TILT, self.lean) @ (self.tilt_um * rng.standard_normal((count, draws)))
         return drawn.T.reshape(draws, rows, cols)
+
+
+@lru_cache(maxsize=4)
+def _root(lines: Lines, count: int) -> np.ndarray:
+    matrix = lines.covariance(count)
+    return np.linalg.cholesky(matrix + 1e-9 * max(matrix[0, 0], 1e-300) * np.eye(count))
 
 
 def on_lines(used: np.ndarray, axis: int, order: int = OFFSET, lean: float = 0.0) -> sparse.csr_array:
@@ -170,7 +177,7 @@ def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float, lean: fl
         Of the lines.
     """
     known = Lines(white_um, lean=lean)
-    gain = _gain(known, energies, along)
+    gain, _ = _gain(known, energies, along)
     half = white_um / np.sqrt(2)
     with_drift, better = _climbed(replace(known, white_um=half, red_um=half, red_lines=4.0), energies, along)
     if with_drift.red_um**2 > SMALLEST * with_drift.offset_um**2 and special.chdtrc(2, max(better - gain, 0.0)) < LEVEL:
@@ -184,12 +191,19 @@ def likeliest(energies: np.ndarray, along: np.ndarray, white_um: float, lean: fl
     return known
 
 
-def _gain(lines: Lines, energies: np.ndarray, along: np.ndarray) -> float:
-    """Return 2 ln L above that of no offsets."""
-    root = lines.root(len(along))
-    triangle = np.linalg.cholesky(np.eye(len(along)) + root.T @ energies @ root)
-    seen = linalg.solve_triangular(triangle, root.T @ along, lower=True)
-    return float(seen @ seen - 2 * np.log(np.diag(triangle)).sum())
+def _gain(lines: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return 2 ln L above that of no offsets, and its derivatives by the covariances of offsets, shape (lines,).
+
+    With a = (I + G·K)⁻¹·c and P = (I + G·K)⁻¹·G: ∂/∂K = a·aᵀ − P, summed over all offsets that are as far apart.
+    """
+    places = np.arange(len(along))
+    count, covariance = len(along), lines.covariance(len(along))
+    factor, order = linalg.lu_factor(np.eye(count) + energies @ covariance, overwrite_a=True)
+    solved = linalg.lu_solve((factor, order), np.column_stack([along, energies]), overwrite_b=True)
+    answer, left = solved[:, 0], solved[:, 1:]
+    apart = np.abs(np.subtract.outer(places, places)).ravel()
+    gain = float(along @ covariance @ answer - np.log(np.abs(np.diag(factor))).sum())
+    return gain, np.bincount(apart, (np.outer(answer, answer) - left).ravel())
 
 
 def _climbed(start: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[Lines, float]:
@@ -199,16 +213,18 @@ def _climbed(start: Lines, energies: np.ndarray, along: np.ndarray) -> tuple[Lin
     size = start.offset_um
     ends = {"red_lines": RED_LINES, "hum_lines": HUM_LINES, "period_lines": HUM_PERIODS}
     bounds = np.log([ends.get(name, (1e-3 * size, 10 * size)) for name in parts])
-    steps = np.array([{"period_lines": 0.02}.get(name, 0.4) for name in parts])
     begun = np.clip(np.log([max(getattr(start, name), 1e-300) for name in parts]), bounds[:, 0], bounds[:, 1])
+    places, moves = np.arange(len(along)), STEP * np.eye(len(parts))
 
     def at(place: np.ndarray) -> Lines:
-        values = np.exp(np.clip(place, bounds[:, 0], bounds[:, 1]))
-        return replace(start, **dict(zip(parts, map(float, values), strict=True)))
+        return replace(start, **dict(zip(parts, np.exp(place).tolist(), strict=True)))
 
-    simplex = np.vstack([begun, begun + np.diag(steps)])
-    options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 0.02, "fatol": 0.1}
-    minimum = optimize.minimize(lambda x: -_gain(at(x), energies, along), begun, method="Nelder-Mead", options=options)
+    def loss(place: np.ndarray) -> tuple[float, np.ndarray]:
+        gain, far = _gain(at(place), energies, along)
+        ends = [(at(place + move)._of_offsets(places), at(place - move)._of_offsets(places)) for move in moves]
+        return -gain, np.array([-far @ (above - below) / (2 * STEP) for above, below in ends])
+
+    minimum = optimize.minimize(loss, begun, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": FLAT})
     return at(minimum.x), float(-minimum.fun)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
-from dlwpredict.infer.model import levelled, matters
+from dlwpredict.infer.model import levelled, matters, switched
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 
 NO_CANDIDATES = ("misregistration", "z-amplification")
@@ -29,7 +30,7 @@ class Candidate:
     Parameters
     ----------
     effect : Effect
-        At its off values, with the shape set.
+        At its off values, with the shape set; one that a model has, as it is there.
     switch : str
         The parameter that grows from its off value.
     """
@@ -63,9 +64,19 @@ class Candidate:
         return int(self.declaration.low >= self.off) - int(self.declaration.high <= self.off)
 
     def at(self, share: float) -> Effect:
-        """Return the effect switched on to a share of its typical size, inside its range."""
-        value = np.clip(self.off + share * self.unit, self.declaration.low, self.declaration.high)
+        """Return the effect with its switch moved by a share of the typical size, inside its range."""
+        value = getattr(self.effect, self.switch) + share * self.unit
+        value = np.clip(value, self.declaration.low, self.declaration.high)
         return replace(self.effect, **{self.switch: float(value)})
+
+    def alone(self, share: float) -> Effect:
+        """Return the effect with no other switch on, and this one at a share of its typical size."""
+        off = {switch: declarations(self.effect)[switch][0] for switch in self.effect.switches()}
+        return replace(self, effect=replace(self.effect, **off)).at(share)
+
+    def size_of(self, moved: Effect) -> float:
+        """Return by how many typical sizes the switch has been moved."""
+        return float(getattr(moved, self.switch) - getattr(self.effect, self.switch)) / self.unit
 
     @property
     def lowest(self) -> float:
@@ -110,16 +121,32 @@ class Bent(Candidate):
         return super().at(self.direction * float(np.sqrt(max(share, 0.0))))
 
 
-def candidates(parameters: ParameterSet) -> list[Candidate]:
-    """Return every candidate that the parameter set does not contain already."""
-    present = {effect.name for effect in parameters.effects}
-    return [
+def candidates(parameters: ParameterSet, named: Sequence[str] = ()) -> list[Candidate]:
+    """Return every candidate: effects that a process has not, and other switches of those that a diagnosis has named.
+
+    An effect was named by the switch that promised most; where several of its own are on, each could do alone.
+    """
+    present = {effect.name: effect for effect in parameters.effects}
+    new = [
         Candidate(kind(**shape), switch)
         for name, kind in library().items()
         if name not in present and name not in NO_CANDIDATES
         for switch in kind.switches()
         for shape in _shapes(kind, switch)
     ]
+    return new + [one for name in named for one in _further(present[name])]
+
+
+def _further(effect: Effect) -> list[Candidate]:
+    """Return the candidates that an effect of a model is by its other switches, its shape as it is where it matters."""
+    kind, on = type(effect), switched(effect)
+    known = {name for name in declarations(kind) if any(matters(kind, switch, name) for switch in on)}
+    found = {}
+    for switch in (s for s in kind.switches() if s not in on or len(on) > 1):
+        for shape in _shapes(kind, switch):
+            new = Candidate(replace(effect, **{k: v for k, v in shape.items() if k not in known}), switch)
+            found[new] = new
+    return list(found)
 
 
 def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:

@@ -7,13 +7,12 @@ the process answers, registration is fitted anew, and the remaining difference i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.library.candidates import Bent, Candidate
-from dlwpredict.infer.model import freed
+from dlwpredict.infer.model import freed, holding
 from dlwpredict.infer.objective import Fit, Objective
 
 
@@ -82,7 +81,6 @@ def answered(objective: Objective, model: Fit, candidate: Bent) -> Fit:
     answer = dict(candidate.answer)
     pairs = zip(model.free.names, model.vector, strict=True)
     moved = model.free.allowed(np.array([value + answer.get(name, 0.0) for name, value in pairs]))
-    process = model.free.parameters(moved)
-    process = replace(process, effects=(*process.effects, candidate.at(1.0)))
+    process = holding(model.free.parameters(moved), [candidate.at(1.0)])
     free = freed(process, model.free)
     return objective.at(free, free.start, model)

@@ -17,6 +17,7 @@ from scipy import linalg, special
 from dlwpredict.diagnosis.library.candidates import Candidate
 from dlwpredict.diagnosis.library.hidden import bent, hidden
 from dlwpredict.diagnosis.library.signatures import Signatures
+from dlwpredict.infer.model import effect_of, switched
 from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective
 
@@ -114,6 +115,11 @@ class Linearised:
             + [dict(candidate.answer) for candidate in hidden],
             float(residual @ residual),
         )
+
+    @cached_property
+    def on(self) -> dict[str, int]:
+        """Switches of every named effect that are on."""
+        return {name: len(switched(effect_of(self.model.parameters, name))) for name in self.named}
 
     @cached_property
     def names(self) -> list[str]:

@@ -6,13 +6,13 @@ They do not depend on the noise: computed once per linearisation point, they ser
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlwpredict.diagnosis.library.candidates import Candidate, candidates
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.model import lacking
+from dlwpredict.infer.model import holding, lacking
 from dlwpredict.infer.objective import Fit, Work
 from dlwpredict.infer.trace import Trace, trace
 from dlwpredict.numerics.parallel import ALONE, Workers
@@ -31,9 +31,9 @@ class Signatures:
     ----------
     at : Fit
     chosen : list of Candidate
-        All effects that the fit does not have.
+        All effects that the fit does not have, and other switches of the named ones.
     maps_um : list (candidate) of list (recording) of numpy.ndarray, shape (rows, cols)
-        Change per typical size: the derivative at off, by one forward difference; in single precision.
+        Change per typical size: the derivative where the fit is, by one difference; in single precision.
     done_um : dict
         Name of every named effect of the fit to the list (recording) of what it does there.
     """
@@ -47,7 +47,7 @@ class Signatures:
     def of(cls, fitted: Fit, named: Sequence[str], work: Work, workers: Workers = ALONE) -> Signatures:
         """Compute them where a fit is; `named` are its effects that a diagnosis has added."""
         targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
-        chosen = candidates(parameters)
+        chosen = candidates(parameters, named)
         used = [item.recording.used for item in fitted.data]
         seen = list(zip(targets, used, fitted.traces, strict=True))
         jobs = [(candidate, *one, parameters) for candidate in chosen for one in seen]
@@ -77,10 +77,9 @@ def _change(
     """Return the change per typical size, and the work that it took."""
     work = 0.0
     for share in STEPS:
-        effect = candidate.at(share)
-        step = (getattr(effect, candidate.switch) - candidate.off) / candidate.unit
-        process = replace(parameters, effects=(*parameters.effects, effect))
-        moved = trace(target, process, known.numerics, known)
+        ways = (candidate.at(share), candidate.at(-share))  # a fit may stand at the end of a range
+        effect, step = next((one, size) for one in ways if (size := candidate.size_of(one)))
+        moved = trace(target, holding(parameters, [effect]), known.numerics, known)
         change, work = np.nan_to_num(moved.heights_um - known.heights_um), work + moved.work
         if np.abs(change[used]).max(initial=0.0) > SEEN_UM:
             break
