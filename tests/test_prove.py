@@ -96,6 +96,7 @@ def cases():
         failed("e", truth("single", effect("curl", "rise_um", times=4.0), index=2)),
         result("g", truth("form") | {"form": wrong_form(2.5)}, diagnosis("unexplained")),
         result("h", truth("form", index=1) | {"form": wrong_form(0.5)}, diagnosis("identified", finding("curl"))),
+        failed("j", truth("form", index=2) | {"form": wrong_form(0.6)}),
         result(
             "i",
             truth("null", index=2) | {"form": wrong_form(1.5), "raw": {"pitch_um": 0.3, "turn_deg": 3.0}},
@@ -447,13 +448,14 @@ def test_every_number_names_its_cases_and_failures_count_as_wrong(cases):
     assert set(plain.cases) == {"a", "b"} and plain.value == 0.5
     assert lines["null", "an error of form: an effect named"].value == 0
     assert lines["null", "... unexplained"].value == 1
+    assert lines["form", "below the limit: named with confidence"].cases == ["h"], "a refusal is no name"
     assert lines["form", "below the limit: named with confidence"].value == 1
     assert lines["form", "from twice the limit on: named with confidence"].value == 0
     assert lines["way: recorded raw", "answered without failure"].cases == ["i"]
     assert lines["work", "CPU seconds of a diagnosis, median"].value == 9
     detected = lines["single", "detected from twice the limit on"]
     assert dict(zip(detected.cases, detected.hits, strict=True)) == {"c": True, "d": False, "e": False}
-    assert lines["all", "cases answered without failure"].value == pytest.approx(8 / 9)
+    assert lines["all", "cases answered without failure"].value == pytest.approx(8 / 10)
     assert lines["outside", "from SNR 10 on: unexplained"].value == 1.0
     assert lines["size", "relative error of the strength, median"].value == pytest.approx(0.2)
     for label in judge.CONCEALMENTS:
