@@ -12,6 +12,7 @@ from dlwpredict.diagnosis.answer import words
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds
+from dlwpredict.diagnosis.structure.registrations import Registration, registrations
 from dlwpredict.diagnosis.structure.test import Model
 from dlwpredict.effects import library as every_effect
 from dlwpredict.effects.base import Effect
@@ -78,6 +79,7 @@ def content_of(diagnosis: Diagnosis, profiled: Ends | None = None) -> dict[str, 
             }
             for place in diagnosis.places
         ],
+        "registration": [_registration(one) for one in registrations(diagnosis.extended.fit)],
         "blemishes": [
             {
                 "pair": one.pair,
@@ -175,6 +177,15 @@ def _finding(diagnosis: Diagnosis, item: Named, intervals: Ends) -> dict[str, An
     }
 
 
+def _registration(one: Registration) -> dict[str, float | int | None]:
+    """Return how a recording lies in the units of the effect `misregistration`."""
+    units = {"shift_x": ("shift_x_um", 1.0, 0.0), "shift_y": ("shift_y_um", 1.0, 0.0)}
+    units |= {"rotation": ("rotation_deg", float(np.rad2deg(1)), 0.0), "shear": ("shear_mrad", 1e3, 0.0)}
+    units |= {"scale_x": ("scale_x", 1.0, 1.0), "scale_y": ("scale_y", 1.0, 1.0)}
+    named = {units[name][0]: units[name][2] + units[name][1] * value for name, value in one.moved.items()}
+    return {"pair": one.pair} | {key: _short(value) for key, value in named.items()} | {"p_value": _short(one.p_value)}
+
+
 def _strengths(effect: Effect, intervals: Ends) -> dict[str, dict[str, Any]]:
     return {
         name: {key: v if isinstance(v, str) else _short(v) for key, v in values.items()}
@@ -199,8 +210,11 @@ def _model(model: Model, diagnosis: Diagnosis, intervals: Ends | None = None) ->
 
 
 def not_testable(screen: Linearised, asked: Thresholds) -> set[str]:
-    """Return the effects that these data would miss more often than one time in ten, even at the end of their range."""
-    largest: dict[str, float] = dict.fromkeys(every_effect(), 0.0)
+    """Return the effects that these data would miss more often than one time in ten, even at the end of their range.
+
+    Misregistration is tested beside all of them (`registrations`).
+    """
+    largest: dict[str, float] = dict.fromkeys(set(every_effect()) - {"misregistration"}, 0.0)
     for candidate, visible in zip(screen.chosen, screen.visible, strict=True):
         declared = candidate.declaration
         reach = max(abs(declared.high - candidate.off), abs(declared.low - candidate.off)) / abs(candidate.unit)

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.diagnosis.structure.registrations import Registration, registrations
 from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
+from dlwpredict.infer.priors import NUISANCES
 from dlwpredict.parameters import declarations
 
 UNTESTED = "Nothing was tested yet: no fit has been made."
@@ -194,4 +198,26 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         p_value, level = diagnosis.agreement.p_value, policy.LEVEL_STRUCTURE
         more, less = "other parameters: the model does not transfer", "the same parameters"
         add("one process for all recordings", p_value, "every recording alone would give", more, less, level)
+    if lying := registrations(diagnosis.extended.fit):
+        worst = min(lying, key=lambda one: one.p_value)
+        name, less = diagnosis.recordings[worst.pair].name, "lies where its alignment says, to what that leaves"
+        add("registration", worst.p_value, name, f"{_lies(worst)}: align it anew, or see misregistration", less)
     return said
+
+
+def _lies(one: Registration) -> str:
+    """Return how a recording lies, in words.
+
+    >>> _lies(Registration(0, {"scale_x": -0.018, "shift_y": 0.05}))
+    'is 1.80 % narrower along x than its alignment says, which leaves 0.20 %'
+    """
+    name, value, left = one.farthest, one.moved[one.farthest], NUISANCES[one.farthest][1]
+    if name.startswith("scale"):
+        wider = "wider" if value > 0 else "narrower"
+        return f"is {abs(value):.2%} {wider} along {name[-1]} than its alignment says, which leaves {left:.2%}".replace(
+            "%", " %"
+        )
+    if name.startswith("shift"):
+        return f"lies {value:+.2f} µm along {name[-1]} from where its alignment says, which leaves {left:.2g} µm"
+    what, scale, unit = ("turned", np.rad2deg(1), "°") if name == "rotation" else ("sheared", 1e3, " mrad")
+    return f"is {what} by {scale * value:.2g}{unit} against its alignment, which leaves {scale * left:.2g}{unit}"

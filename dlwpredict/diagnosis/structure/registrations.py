@@ -1,0 +1,51 @@
+"""Whether recordings lie where their alignment says: what registration came out as, and what an alignment leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.priors import LATERAL, NUISANCES
+
+
+@dataclass(frozen=True)
+class Registration:
+    """How a recording lies on its target, in the terms of the effect `misregistration`.
+
+    Parameters
+    ----------
+    pair : int
+    moved : dict
+        Lateral nuisance to what it came out as: shifts in µm, rotation and shear in rad, scales as shares.
+    """
+
+    pair: int
+    moved: dict[str, float]
+
+    @property
+    def far(self) -> dict[str, float]:
+        """Every nuisance in standard deviations of what an alignment leaves of it."""
+        return {name: abs(value) / NUISANCES[name][1] for name, value in self.moved.items()}
+
+    @property
+    def p_value(self) -> float:
+        """Probability that an alignment leaves any of them so far: two-sided, normal, for all that are free."""
+        return float(min(len(self.moved) * special.erfc(max(self.far.values()) / np.sqrt(2)), 1.0))
+
+    @property
+    def farthest(self) -> str:
+        """The nuisance that lies farthest."""
+        return max(self.far, key=lambda name: self.far[name])
+
+
+def registrations(fit: Fit) -> list[Registration]:
+    """Return how the recordings of a fit lie; those whose place is taken at its word are not among them."""
+    found = []
+    for pair, (item, left) in enumerate(zip(fit.data, fit.coefficients, strict=True)):
+        values = dict(zip(item.nuisances, item.known() + left, strict=True))
+        moved = {name: float(values[name]) for name in LATERAL if name in values}
+        found += [Registration(pair, moved)] if moved else []
+    return found

@@ -1,0 +1,83 @@
+"""Whether recordings lie where their alignment says: against recordings that the effect `misregistration` has moved."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from dlwpredict import designs
+from dlwpredict.diagnosis.answer.content import _registration
+from dlwpredict.diagnosis.answer.words import _lies
+from dlwpredict.diagnosis.structure.registrations import Registration, registrations
+from dlwpredict.effects import library
+from dlwpredict.infer.free import choose
+from dlwpredict.infer.objective import Objective
+from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.whitened import Whitened
+from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import predict
+
+NOISE = Noise(0.002, 0.0, 1.0, 0.5, 0.5)
+TARGET = designs.air(size_um=24, pitch_um=0.5, margin_um=4, seed=3)
+
+
+def lying(**settings):
+    """Return what registration, linear in what it moves, makes of a recording that was moved."""
+    moved = ParameterSet(effects=(library()["misregistration"](**settings),) if settings else ())
+    drawn = NOISE.simulate(TARGET.shape, np.random.default_rng(0))
+    recorded = TARGET.with_heights(predict(TARGET, moved, as_measured=True).heights_um + drawn)
+    objective = Objective((Whitened.of(doubted(prepare(TARGET, recorded)), Uneven(NOISE)),))
+    free = choose(ParameterSet(), free=["threshold"])
+    (one,) = registrations(objective.at(free, free.start))
+    return one
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "tolerance"),
+    [
+        ("scale_x", 1.012, 2e-3),
+        ("scale_y", 0.99, 2e-3),
+        ("rotation_deg", 0.6, 0.03),
+        ("shear_mrad", 12.0, 1.0),
+        ("shift_x_um", 0.4, 0.01),
+        ("shift_y_um", -0.4, 0.01),
+    ],
+)
+def test_what_was_moved_is_said_in_the_units_of_the_effect(name, value, tolerance):
+    one = lying(**{name: value})
+    content = _registration(one)
+    assert content[name] == pytest.approx(value, abs=tolerance)
+    assert content["p_value"] < 1e-3
+    assert name.startswith(one.farthest)
+
+
+def test_one_that_lies_where_it_should_says_nothing():
+    assert lying().p_value > 0.5
+
+
+def test_the_probability_is_that_of_the_farthest_of_all_that_may_move():
+    one = Registration(0, {"scale_x": 0.006, "shift_x": 0.1, "rotation": 0.0})
+    assert one.far == pytest.approx({"scale_x": 3.0, "shift_x": 1.0, "rotation": 0.0})
+    assert one.p_value == pytest.approx(3 * 2 * stats.norm.sf(3.0))
+    assert Registration(0, {"scale_x": 0.001, "shift_x": 0.0}).p_value == 1.0
+
+
+def test_a_recording_taken_at_its_word_has_none():
+    item = SimpleNamespace(nuisances=("offset", "tilt_x"), known=lambda: np.zeros(2))
+    assert registrations(SimpleNamespace(data=[item], coefficients=[np.ones(2)])) == []
+
+
+@pytest.mark.parametrize(
+    ("moved", "said"),
+    [
+        ({"scale_y": 0.02}, "is 2.00 % wider along y than its alignment says, which leaves 0.20 %"),
+        ({"shift_x": -0.5}, "lies -0.50 µm along x from where its alignment says, which leaves 0.1 µm"),
+        ({"rotation": np.deg2rad(1.0)}, "is turned by 1° against its alignment, which leaves 0.1°"),
+        ({"shear": 0.015}, "is sheared by 15 mrad against its alignment, which leaves 2 mrad"),
+    ],
+)
+def test_how_it_lies_is_said_in_words(moved, said):
+    assert _lies(Registration(0, moved)) == said
