@@ -71,7 +71,7 @@ class TestCandidates:
     def test_only_a_strength_that_physics_allows_has_its_sign(self):
         sign = {one.name: one.sign for one in candidates(ParameterSet())}
         assert (sign["curl"], sign["vignetting"], sign["edge-drying"]) == (0, 1, 1)
-        (steepest,) = (one for one in candidates(ParameterSet()) if one.switch == "max_angle_deg")
+        steepest = Candidate(library()["slope-error"](), "max_angle_deg")
         assert steepest.one_sided == -1 and steepest.unit < 0 and steepest.sign == 1
 
     def test_of_an_effect_that_a_diagnosis_has_named_are_its_other_switches_as_it_stands_there(self):
@@ -88,6 +88,13 @@ class TestCandidates:
         (coma,) = (one for one in found if one.switch == "coma_x_um")
         assert coma.at(0.5) == replace(bow, coma_x_um=0.05)
         assert coma.alone(0.5) == library()["field-curvature"](coma_x_um=0.05)
+
+    def test_a_switch_that_no_fit_moves_is_none(self):
+        """A steepest angle leaves gaps, which a blur behind it would fill otherwise: a change that is no height's."""
+        there = ParameterSet(effects=(library()["slope-error"](bias_um=0.1),))
+        for found in (candidates(ParameterSet()), candidates(there, ["slope-error"])):
+            own = {one.switch for one in found if one.name == "slope-error"}
+            assert {"signed_x_um", "bias_abs_y_um"} <= own and "max_angle_deg" not in own
 
     def test_of_one_with_several_switches_on_each_could_do_alone(self):
         tilted = library()["substrate-tilt"](tilt_x_mrad=3.0, tilt_y_mrad=2.0)

@@ -131,10 +131,15 @@ def candidates(parameters: ParameterSet, named: Sequence[str] = ()) -> list[Cand
         Candidate(kind(**shape), switch)
         for name, kind in library().items()
         if name not in present and name not in NO_CANDIDATES
-        for switch in kind.switches()
+        for switch in _fitted(kind)
         for shape in _shapes(kind, switch)
     ]
     return new + [one for name in named for one in _further(present[name])]
+
+
+def _fitted(kind: type[Effect]) -> list[str]:
+    """Return the switches that a fit may move: not a steepest angle, which leaves gaps instead of heights."""
+    return [switch for switch in kind.switches() if declarations(kind)[switch][1].fitted]
 
 
 def _further(effect: Effect) -> list[Candidate]:
@@ -142,7 +147,7 @@ def _further(effect: Effect) -> list[Candidate]:
     kind, on = type(effect), switched(effect)
     known = {name for name in declarations(kind) if any(matters(kind, switch, name) for switch in on)}
     found = {}
-    for switch in (s for s in kind.switches() if s not in on or len(on) > 1):
+    for switch in (s for s in _fitted(kind) if s not in on or len(on) > 1):
         for shape in _shapes(kind, switch):
             new = Candidate(replace(effect, **{k: v for k, v in shape.items() if k not in known}), switch)
             found[new] = new
