@@ -10,6 +10,8 @@ REAL_FIELDS := $(sort $(patsubst $(REAL_SOURCE)/%_design_levels.tif,%,$(wildcard
 REAL_FOUR := $(foreach place,1 5 9 13,$(word $(place),$(REAL_FIELDS)))
 REAL_OTHERS := $(filter-out $(REAL_FOUR),$(REAL_FIELDS))
 REAL_START ?= configs/real.yaml
+REAL_INSTRUMENT := --instrument afm --fast-axis-deg 0
+# the files do not say it; noise of their rows shows it
 
 .PHONY: real
 real: $(foreach field,$(REAL_FIELDS),$(REAL)/$(field)/aligned.tif $(REAL)/$(field)/target.stl) $(foreach field,$(REAL_OTHERS),$(REAL)/$(field)/default.tif $(REAL)/$(field)/score.json) | $(VENV)/.installed ## Align, calibrate, predict, score real prints (RECORDINGS=...)
@@ -22,11 +24,11 @@ $(REAL)/%/target.tif: $(REAL_SOURCE)/%_design_levels.tif | $(VENV)/.installed
 
 $(REAL)/%/recording.tif: $(REAL_SOURCE)/%_afm.tif | $(VENV)/.installed
 	@mkdir -p $(@D)
-	$(DLW) convert $< $@ --pitch-um 0.1 --overwrite
+	$(DLW) convert $< $@ --pitch-um 0.1 $(REAL_INSTRUMENT) --overwrite
 
 $(REAL)/%/recording.tif: $(REAL_SOURCE)/%_afm.txt | $(VENV)/.installed
 	@mkdir -p $(@D)
-	$(DLW) convert $< $@ --pitch-um 0.1 --z-scale 1e6 --overwrite
+	$(DLW) convert $< $@ --pitch-um 0.1 --z-scale 1e6 $(REAL_INSTRUMENT) --overwrite
 
 $(REAL)/%/aligned.tif: $(REAL)/%/recording.tif $(REAL)/%/target.tif
 	$(DLW) align $^ -o $@ --report $(@D)/align.yaml --overwrite

@@ -82,6 +82,13 @@ class TestMoving:
         assert {"threshold", "dose-memory.gain"} <= set(moving(self.process, like).names)
 
 
+    def test_what_no_fit_moves_stays_though_it_is_on(self):
+        """A steepest angle that the microscope still reads leaves gaps; the effect beside it is fitted."""
+        effect = library()["slope-error"](bias_um=0.02, max_angle_deg=60.0)
+        names = freed(ParameterSet(effects=(effect,)), choose(ParameterSet(), free=["threshold"])).names
+        assert names == ("threshold", "slope-error.bias_um")
+
+
 class TestStraight:
     def test_there_and_back(self):
         free = choose(TRUTH)

@@ -36,8 +36,9 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
 
 
 def switched(effect: Effect) -> list[str]:
-    """Return the switches of an effect that are on."""
-    return [s for s in effect.switches() if getattr(effect, s) != declarations(effect)[s][0]]
+    """Return the switches of an effect that are on and that a fit may move: not a steepest angle, which leaves gaps."""
+    known = {switch: declarations(effect)[switch] for switch in effect.switches()}
+    return [switch for switch, (off, declared) in known.items() if declared.fitted and getattr(effect, switch) != off]
 
 
 def moving(parameters: ParameterSet, like: Free) -> Free:

@@ -138,7 +138,7 @@ def candidates(parameters: ParameterSet, named: Sequence[str] = ()) -> list[Cand
 
 
 def _fitted(kind: type[Effect]) -> list[str]:
-    """Return the switches that a fit may move: not a steepest angle, which leaves gaps instead of heights."""
+    """Return the switches that a fit may move."""
     return [switch for switch in kind.switches() if declarations(kind)[switch][1].fitted]
 
 
