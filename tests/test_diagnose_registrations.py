@@ -73,10 +73,10 @@ def test_a_recording_taken_at_its_word_has_none():
 @pytest.mark.parametrize(
     ("moved", "said"),
     [
-        ({"scale_y": 0.02}, "is 2.00 % wider along y than its alignment says, which leaves 0.20 %"),
-        ({"shift_x": -0.5}, "lies -0.50 µm along x from where its alignment says, which leaves 0.1 µm"),
-        ({"rotation": np.deg2rad(1.0)}, "is turned by 1° against its alignment, which leaves 0.1°"),
-        ({"shear": 0.015}, "is sheared by 15 mrad against its alignment, which leaves 2 mrad"),
+        ({"scale_y": 0.02}, "is 2.00 % wider along y than its alignment says, which leaves 0.20 % open"),
+        ({"shift_x": -0.5}, "lies -0.50 µm along x from where its alignment says, which leaves 0.1 µm open"),
+        ({"rotation": np.deg2rad(1.0)}, "is turned by 1° against its alignment, which leaves 0.1° open"),
+        ({"shear": 0.015}, "is sheared by 15 mrad against its alignment, which leaves 2 mrad open"),
     ],
 )
 def test_how_it_lies_is_said_in_words(moved, said):

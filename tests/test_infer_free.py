@@ -81,7 +81,6 @@ class TestMoving:
         assert moving(self.process, like).names == freed(self.process, like).names
         assert {"threshold", "dose-memory.gain"} <= set(moving(self.process, like).names)
 
-
     def test_what_no_fit_moves_stays_though_it_is_on(self):
         """A steepest angle that the microscope still reads leaves gaps; the effect beside it is fitted."""
         effect = library()["slope-error"](bias_um=0.02, max_angle_deg=60.0)

@@ -200,7 +200,7 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         add("one process for all recordings", p_value, "every recording alone would give", more, less, level)
     if lying := registrations(diagnosis.extended.fit):
         worst = min(lying, key=lambda one: one.p_value)
-        name, less = diagnosis.recordings[worst.pair].name, "lies where its alignment says, to what that leaves"
+        name, less = diagnosis.recordings[worst.pair].name, "lies where its alignment says, as far as that goes"
         add("registration", worst.p_value, name, f"{_lies(worst)}: align it anew, or see misregistration", less)
     return said
 
@@ -209,15 +209,15 @@ def _lies(one: Registration) -> str:
     """Return how a recording lies, in words.
 
     >>> _lies(Registration(0, {"scale_x": -0.018, "shift_y": 0.05}))
-    'is 1.80 % narrower along x than its alignment says, which leaves 0.20 %'
+    'is 1.80 % narrower along x than its alignment says, which leaves 0.20 % open'
     """
     name, value, left = one.farthest, one.moved[one.farthest], NUISANCES[one.farthest][1]
     if name.startswith("scale"):
-        wider = "wider" if value > 0 else "narrower"
-        return f"is {abs(value):.2%} {wider} along {name[-1]} than its alignment says, which leaves {left:.2%}".replace(
-            "%", " %"
+        wider, share, open_share = "wider" if value > 0 else "narrower", 100 * abs(value), 100 * left
+        return (
+            f"is {share:.2f} % {wider} along {name[-1]} than its alignment says, which leaves {open_share:.2f} % open"
         )
     if name.startswith("shift"):
-        return f"lies {value:+.2f} µm along {name[-1]} from where its alignment says, which leaves {left:.2g} µm"
+        return f"lies {value:+.2f} µm along {name[-1]} from where its alignment says, which leaves {left:.2g} µm open"
     what, scale, unit = ("turned", np.rad2deg(1), "°") if name == "rotation" else ("sheared", 1e3, " mrad")
-    return f"is {what} by {scale * value:.2g}{unit} against its alignment, which leaves {scale * left:.2g}{unit}"
+    return f"is {what} by {scale * value:.2g}{unit} against its alignment, which leaves {scale * left:.2g}{unit} open"

@@ -118,8 +118,8 @@ class Linearised:
 
     @cached_property
     def on(self) -> dict[str, int]:
-        """Switches of every named effect that are on."""
-        return {name: len(switched(effect_of(self.model.parameters, name))) for name in self.named}
+        """Switches of every named effect that are on: one, where the fit has put it to nothing."""
+        return {name: max(len(switched(effect_of(self.model.parameters, name))), 1) for name in self.named}
 
     @cached_property
     def names(self) -> list[str]:
