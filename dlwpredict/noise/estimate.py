@@ -44,7 +44,7 @@ SPIKY = 0.005
 NEAR_PX, FAR_PX = 2, (4, 8, 16)
 """Neighbourhood of the estimate: smaller than that of the whitener, since many models are looked at."""
 
-SEARCHED_POINTS, MOST_POINTS = 2500, 8000
+SEARCHED_POINTS, MOST_POINTS = 6000, 8000
 """Points whose conditional likelihood enters the search, and the estimate."""
 
 
