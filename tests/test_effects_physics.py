@@ -521,6 +521,15 @@ class TestMeasurement:
         damping = np.exp(-2 * (np.pi * 0.8 / FWHM_PER_SIGMA / 2.0) ** 2)
         np.testing.assert_allclose((blurred - 4)[20, 60:140], damping * (wave.heights_um - 4)[20, 60:140], atol=2e-4)
 
+    def test_blur_of_a_curved_field_stays_one_up_to_the_rim(self):
+        """Beyond the map a substrate goes on as the instrument shows it there; it does not fall back to 0."""
+        bowl = 1e-3 * ((np.arange(60) - 30)[:, None] ** 2 + 2.0 * np.arange(60))
+        field = HeightMap(bowl, 0.25, 0.25)
+        blurred = effect("instrument-blur", fwhm_um=1.0).heights(field)
+        sigma_px = 1.0 / FWHM_PER_SIGMA / 0.25
+        np.testing.assert_allclose(blurred[10:-10, 10:-10] - bowl[10:-10, 10:-10], 1e-3 * sigma_px**2, atol=1e-6)
+        assert np.abs(blurred - bowl).max() < 0.1  # µm, at a corner of 1 µm: by an edge that stays as high, not by 0
+
     def test_blur_of_a_plateau_ignores_gaps(self):
         heights = np.full((30, 30), 2.0)
         heights[10:13, 5:9] = np.nan

@@ -487,7 +487,7 @@ def test_methods_are_compared_on_the_structure_kept(cases):
 def test_page_shows_what_stands_in_its_json(cases, tmp_path):
     page.publish(tmp_path, cases, {"seed": 1, "code": "f" * 64, "cases": {}}, command="make prove", every=6)
     text, summary = (tmp_path / "README.md").read_text(), json.loads((tmp_path / "summary.json").read_text())
-    assert {case["name"] for case in json.loads((tmp_path / "cases.json").read_text())["cases"]} == set("abcdefghi")
+    assert {case["name"] for case in json.loads((tmp_path / "cases.json").read_text())["cases"]} == set("abcdefghij")
     for line in summary["rows"]:
         if line["count"] and "hit" in line:
             assert f"{line['hit']} of {line['count']} = {line['value']:.1%}" in text

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.steps import WALL
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, blur, ndtr, wide_blur
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, ndtr, wide_blur
 
 FIELD_RADIUS_UM = 50.0
 """Distance from the field's centre at which field-dependent effects are stated (ρ = 1)."""
@@ -44,13 +44,20 @@ def gaussian_um(planes: np.ndarray, grid: HeightMap, fwhm_um: float) -> np.ndarr
 
 
 def blurred_recording(recording: HeightMap, fwhm_um: float) -> np.ndarray:
-    """Return G ⊛ t over the measured points, NaN elsewhere; around the map lies the substrate."""
-    heights, missing = recording.heights_um, np.isnan(recording.heights_um)
+    """Return G ⊛ t over the measured points, NaN elsewhere; around the map it goes on as at its rim.
+
+    The substrate there need not be at 0: an instrument's field is curved, a sample tilted, a map cut out of a part.
+    """
     sigmas = (fwhm_um / FWHM_PER_SIGMA / recording.dy_um, fwhm_um / FWHM_PER_SIGMA / recording.dx_um)
-    smooth = blur(np.where(missing, 0, heights), *sigmas)
+    around = [int(np.ceil(REACH_SIGMAS * sigma)) for sigma in sigmas]
+    heights = np.pad(recording.heights_um, [(n, n) for n in around], mode="edge")
+    inner = tuple(slice(n, n + size) for n, size in zip(around, recording.shape, strict=True))
+    missing = np.isnan(heights)
+    smooth = blur(np.where(missing, 0, heights), *sigmas)[inner]
     if not missing.any():
         return smooth
-    return np.where(missing, np.nan, smooth / np.maximum(1 - blur(missing.astype(float), *sigmas), 1e-9))
+    known = np.maximum(1 - blur(missing.astype(float), *sigmas)[inner], 1e-9)
+    return np.where(missing[inner], np.nan, smooth / known)
 
 
 def slopes(recording: HeightMap) -> tuple[np.ndarray, np.ndarray]:
