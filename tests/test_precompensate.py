@@ -114,6 +114,11 @@ class TestLimits:
         sliced = Limits(maximum_um=0.55, slicing_um=0.2).sliced(written, self.footprint)
         np.testing.assert_allclose(sliced, [[0.2, 0.4, 0.0, 0.4]])
 
+    def test_a_slice_higher_than_anything_that_may_be_written_is_refused(self):
+        """No whole number of them would be left, and nothing would be written."""
+        with pytest.raises(InputError, match=r"--slicing-um.*0\.6.*0 to 0\.55"):
+            Limits(maximum_um=0.55, slicing_um=0.6)
+
     def test_something_stays_wherever_the_target_has_something(self):
         target = HeightMap(np.where(self.footprint, 1.5, 0.0).repeat(2, axis=0), 1.0, 1.0)
         clipped = Limits(maximum_um=2.0).within(np.array([[-1.0, 1.0, 1.0, 9.0]] * 2), target)

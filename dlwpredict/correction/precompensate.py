@@ -56,8 +56,9 @@ class Limits:
     def __post_init__(self) -> None:
         if not self.maximum_um > 0:
             raise InputError(f"found {self.maximum_um:g}", key="--maximum-um", allowed="allowed: above 0")
-        if not 0 <= self.slicing_um < np.inf:
-            raise InputError(f"found {self.slicing_um:g}", key="--slicing-um", allowed="allowed: 0 or more")
+        if not 0 <= self.slicing_um <= self.maximum_um or np.isinf(self.slicing_um):
+            allowed = f"allowed: 0 to {self.maximum_um:.4g}, the highest that may be written"
+            raise InputError(f"found {self.slicing_um:g}", key="--slicing-um", allowed=allowed)
 
     def within(self, written: np.ndarray, target: HeightMap) -> np.ndarray:
         """Keep heights printable, between a fiftieth of the target and the maximum; nothing is written beside it."""
