@@ -121,10 +121,10 @@ def pixel_of(grid: HeightMap, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
 
 
 def resampled(recording: HeightMap, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
-    """Read a map at other points by a cubic spline; NaN next to gaps, the substrate outside."""
+    """Read a map at other points by a cubic spline; NaN next to gaps, around the map as high as at its rim."""
     known = ~np.isnan(recording.heights_um)
     place = pixel_of(recording, x_um, y_um)
-    read = ndimage.map_coordinates(nearest(recording.heights_um, known), place, order=3, mode="grid-constant")
+    read = ndimage.map_coordinates(nearest(recording.heights_um, known), place, order=3, mode="nearest")
     if known.all():
         return read
     return np.where(ndimage.map_coordinates(1.0 * known, place, order=1, mode="nearest") >= 0.5, read, np.nan)
