@@ -81,3 +81,25 @@ def test_a_place_is_found_by_its_coordinates():
     np.testing.assert_allclose(pixel_of(GRID, x, y), np.indices(GRID.shape), atol=1e-12)
     heights = np.random.default_rng(0).normal(size=GRID.shape)
     np.testing.assert_allclose(resampled(GRID.with_heights(heights), x, y), heights, atol=1e-9)
+
+
+def test_a_wall_leaves_no_trace_beyond_three_pixels():
+    """A recording has none there; a spline rings."""
+    edge = 10
+    wall = HeightMap(np.where(np.arange(20) < edge, 3.0, 0.0) + np.zeros((8, 1)), 0.5, 0.25)
+    x, y = np.meshgrid(wall.x_um - 0.3 * wall.dx_um, wall.y_um)
+    change = np.abs(resampled(wall, x, y) - wall.heights_um)
+    assert change[:, edge].min() > 0.5
+    assert change[:, : edge - 2].max() < 1e-12
+    assert change[:, edge + 3 :].max() < 1e-12
+
+
+def test_a_wave_of_six_pixels_is_moved_as_it_is():
+    """To a hundredth of the change in the mean square; by cubic convolution of four pixels it would be 4 %."""
+    k = 2 * np.pi / 6
+    wave = HeightMap(np.sin(k * np.arange(40)) + np.zeros((8, 1)), 0.5, 0.25)
+    x, y = np.meshgrid(wave.x_um - 0.3 * wave.dx_um, wave.y_um)
+    wanted = np.sin(k * (np.arange(40) - 0.3)) - wave.heights_um
+    change = resampled(wave, x, y) - wave.heights_um
+    inner = slice(6, -6)
+    assert np.linalg.norm((change - wanted)[:, inner]) < 0.01 * np.linalg.norm(wanted[:, inner])

@@ -6,15 +6,31 @@ import pytest
 from dlwpredict.numerics.interpolation import read_locally, read_means
 
 
-def test_reading_locally_is_exact_on_parabolas_and_takes_no_pixel_further_than_two():
-    row, col = np.indices((9, 11))
-    place = np.array([[2.25, 4.0, 5.75], [3.5, 6.0, 7.25]])
-    parabola = 1 + 2 * row - col + 0.5 * row**2 + 0.25 * col**2 + row * col
-    expected = 1 + 2 * place[0] - place[1] + 0.5 * place[0] ** 2 + 0.25 * place[1] ** 2 + place[0] * place[1]
-    np.testing.assert_allclose(read_locally(parabola, place), expected, rtol=1e-12)
-    far = (np.abs(row[..., None] - place[0]) >= 2) | (np.abs(col[..., None] - place[1]) >= 2)
-    broken = parabola + 100.0 * far.all(axis=-1)
-    np.testing.assert_array_equal(read_locally(broken, place), read_locally(parabola, place))
+@pytest.mark.parametrize(("pixels", "third"), [(4, 0.0), (6, 0.25)])
+def test_reading_locally_is_exact_on_powers_and_takes_no_pixel_further_than_it_says(pixels, third):
+    row, col = np.indices((11, 13))
+    place = np.array([[3.25, 5.0, 6.75], [4.5, 7.0, 8.25]])
+
+    def power(y, x):
+        return 1 + 2 * y - x + 0.5 * y**2 + x * y + third * x**3 - third * y**3
+
+    np.testing.assert_allclose(read_locally(power(row, col), place, pixels), power(*place), rtol=1e-12)
+    far = (np.abs(row[..., None] - place[0]) >= pixels / 2) | (np.abs(col[..., None] - place[1]) >= pixels / 2)
+    broken = power(row, col) + 100.0 * far.all(axis=-1)
+    np.testing.assert_array_equal(read_locally(broken, place, pixels), read_locally(power(row, col), place, pixels))
+
+
+def test_slopes_of_what_is_read_do_not_jump_and_are_those_of_waves():
+    """At a pixel, of sin kx, read from six: (8·sin k − sin 2k)/6·cos kx in the place of k·cos kx."""
+    k, x = 2 * np.pi / 6, np.arange(40.0)
+    plane, step = np.sin(k * x) + np.zeros((8, 1)), 1e-6
+    at = x[8:-8]
+    left, here, right = (
+        read_locally(plane, np.stack([np.full(len(at), 4.0), at + move]), 6) for move in (-step, 0, step)
+    )
+    expected = (8 * np.sin(k) - np.sin(2 * k)) / 6 * np.cos(k * at)
+    np.testing.assert_allclose((here - left) / step, expected, atol=1e-4)
+    np.testing.assert_allclose((right - here) / step, expected, atol=1e-4)
 
 
 def test_beyond_its_rim_a_plane_read_locally_goes_on_as_it_ends():

@@ -7,6 +7,7 @@ from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.steps import WALL
+from dlwpredict.numerics.interpolation import read_locally
 from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, ndtr, wide_blur
 
 FIELD_RADIUS_UM = 50.0
@@ -121,10 +122,10 @@ def pixel_of(grid: HeightMap, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
 
 
 def resampled(recording: HeightMap, x_um: np.ndarray, y_um: np.ndarray) -> np.ndarray:
-    """Read a map at other points by a cubic spline; NaN next to gaps, around the map as high as at its rim."""
+    """Read a map at other points, locally; NaN next to gaps, around the map as high as at its rim."""
     known = ~np.isnan(recording.heights_um)
     place = pixel_of(recording, x_um, y_um)
-    read = ndimage.map_coordinates(nearest(recording.heights_um, known), place, order=3, mode="nearest")
+    read = read_locally(nearest(recording.heights_um, known), place, pixels=6)
     if known.all():
         return read
     return np.where(ndimage.map_coordinates(1.0 * known, place, order=1, mode="nearest") >= 0.5, read, np.nan)
