@@ -15,7 +15,7 @@ from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.starts import behind_widths, beside
 from dlwpredict.infer.fitter import Fitter, Start
-from dlwpredict.infer.model import Key, effect_of, key_of, lacking, switched
+from dlwpredict.infer.model import Key, key_of, lacking, on
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import ParameterSet
@@ -104,7 +104,7 @@ class Search:
     def priced(self, fit: Fit) -> float:
         """Return what a fit costs, with the price of its switches."""
         own = self.names(fit.parameters)
-        return fit.cost + self.price(sum(on(fit, name) for name in own))
+        return fit.cost + self.price(sum(on(fit.parameters, name) for name in own))
 
     @property
     def form_error(self) -> float:
@@ -115,7 +115,7 @@ class Search:
 
     def needed(self, names: Names, name: str) -> float:
         """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors."""
-        more = on(self.fitted[names], name) - (len(names) == 1)
+        more = on(self.fitted[names].parameters, name) - (len(names) == 1)
         noise = more * self.asked.next + (self.asked.first if len(names) == 1 else 0.0)
         return noise * self.spread.get(name, 1.0) ** 2 + more * self.form_error
 
@@ -315,8 +315,3 @@ class Search:
             names = self.names(fit.parameters)
             if names not in self.fitted or self.priced(fit) < self.priced(self.fitted[names]):
                 self.fitted[names] = fit
-
-
-def on(fit: Fit, name: str) -> int:
-    """Return how many switches of an effect are on in a fit: one, where the fit has put it to nothing."""
-    return max(len(switched(effect_of(fit.parameters, name))), 1)

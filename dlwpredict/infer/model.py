@@ -28,10 +28,10 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
     """
     names = [name for name in like.names if "." not in name]
     for effect in parameters.effects:
-        on = switched(effect)
+        kind, switches = type(effect), switched(effect)
         shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
-        shapes = [n for n in shapes if not levelled(type(effect), n) and any(matters(type(effect), s, n) for s in on)]
-        names += [f"{effect.name}.{n}" for n in (*on, *shapes)]
+        shapes = [n for n in shapes if not levelled(kind, n) and any(matters(kind, s, n) for s in switches)]
+        names += [f"{effect.name}.{n}" for n in (*switches, *shapes)]
     return choose(parameters, free=names)
 
 
@@ -39,6 +39,11 @@ def switched(effect: Effect) -> list[str]:
     """Return the switches of an effect that are on and that a fit may move: not a steepest angle, which leaves gaps."""
     known = {switch: declarations(effect)[switch] for switch in effect.switches()}
     return [switch for switch, (off, declared) in known.items() if declared.fitted and getattr(effect, switch) != off]
+
+
+def on(parameters: ParameterSet, name: str) -> int:
+    """Return how many switches of an effect are on: one, where a fit has put it to nothing."""
+    return max(len(switched(effect_of(parameters, name))), 1)
 
 
 def moving(parameters: ParameterSet, like: Free) -> Free:

@@ -129,8 +129,11 @@ class Lines:
 
 @lru_cache(maxsize=4)
 def _root(lines: Lines, count: int) -> np.ndarray:
+    """Return `Lines.root`, remembered: a recording's noise is drawn and whitened many times by one model of lines."""
     matrix = lines.covariance(count)
-    return np.linalg.cholesky(matrix + 1e-9 * max(matrix[0, 0], 1e-300) * np.eye(count))
+    root = np.linalg.cholesky(matrix + 1e-9 * max(matrix[0, 0], 1e-300) * np.eye(count))
+    root.setflags(write=False)
+    return root
 
 
 def on_lines(used: np.ndarray, axis: int, order: int = OFFSET, lean: float = 0.0) -> sparse.csr_array:

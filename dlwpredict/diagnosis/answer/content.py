@@ -179,11 +179,8 @@ def _finding(diagnosis: Diagnosis, item: Named, intervals: Ends) -> dict[str, An
 
 def _registration(one: Registration) -> dict[str, float | int | None]:
     """Return how a recording lies in the units of the effect `misregistration`."""
-    units = {"shift_x": ("shift_x_um", 1.0, 0.0), "shift_y": ("shift_y_um", 1.0, 0.0)}
-    units |= {"rotation": ("rotation_deg", float(np.rad2deg(1)), 0.0), "shear": ("shear_mrad", 1e3, 0.0)}
-    units |= {"scale_x": ("scale_x", 1.0, 1.0), "scale_y": ("scale_y", 1.0, 1.0)}
-    named = {units[name][0]: units[name][2] + units[name][1] * value for name, value in one.moved.items()}
-    return {"pair": one.pair} | {key: _short(value) for key, value in named.items()} | {"p_value": _short(one.p_value)}
+    settings = {name: _short(value) for name, value in one.settings.items()}
+    return {"pair": one.pair, **settings, "p_value": _short(one.p_value)}
 
 
 def _strengths(effect: Effect, intervals: Ends) -> dict[str, dict[str, Any]]:

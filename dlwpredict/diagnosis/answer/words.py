@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.judge import Diagnosis
-from dlwpredict.diagnosis.structure.registrations import Registration, registrations
+from dlwpredict.diagnosis.structure.registrations import UNITS, Registration, chance_of, registrations
 from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
 from dlwpredict.infer.priors import NUISANCES
@@ -199,9 +197,9 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         more, less = "other parameters: the model does not transfer", "the same parameters"
         add("one process for all recordings", p_value, "every recording alone would give", more, less, level)
     if lying := registrations(diagnosis.extended.fit):
-        worst = min(lying, key=lambda one: one.p_value)
+        worst, p_value = chance_of(lying)
         name, less = diagnosis.recordings[worst.pair].name, "lies where its alignment says, as far as that goes"
-        add("registration", worst.p_value, name, f"{_lies(worst)}: align it anew, or see misregistration", less)
+        add("registration", p_value, name, f"{_lies(worst)}: align it anew, or see misregistration", less)
     return said
 
 
@@ -219,5 +217,7 @@ def _lies(one: Registration) -> str:
         )
     if name.startswith("shift"):
         return f"lies {value:+.2f} µm along {name[-1]} from where its alignment says, which leaves {left:.2g} µm open"
-    what, scale, unit = ("turned", np.rad2deg(1), "°") if name == "rotation" else ("sheared", 1e3, " mrad")
-    return f"is {what} by {scale * value:.2g}{unit} against its alignment, which leaves {scale * left:.2g}{unit} open"
+    _, _, per_unit, unit = UNITS[one.farthest]
+    what, gap = ("turned", "") if name == "rotation" else ("sheared", " ")
+    by, open_by = (f"{per_unit * size:.2g}{gap}{unit}" for size in (value, left))
+    return f"is {what} by {by} against its alignment, which leaves {open_by} open"

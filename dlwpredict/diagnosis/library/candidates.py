@@ -146,12 +146,13 @@ def _further(effect: Effect) -> list[Candidate]:
     """Return the candidates that an effect of a model is by its other switches, its shape as it is where it matters."""
     kind, on = type(effect), switched(effect)
     known = {name for name in declarations(kind) if any(matters(kind, switch, name) for switch in on)}
-    found = {}
-    for switch in (s for s in _fitted(kind) if s not in on or len(on) > 1):
-        for shape in _shapes(kind, switch):
-            new = Candidate(replace(effect, **{k: v for k, v in shape.items() if k not in known}), switch)
-            found[new] = new
-    return list(found)
+    new = (
+        Candidate(replace(effect, **{name: value for name, value in shape.items() if name not in known}), switch)
+        for switch in _fitted(kind)
+        if switch not in on or len(on) > 1
+        for shape in _shapes(kind, switch)
+    )
+    return list(dict.fromkeys(new))
 
 
 def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:

@@ -17,7 +17,7 @@ from scipy import linalg, special
 from dlwpredict.diagnosis.library.candidates import Candidate
 from dlwpredict.diagnosis.library.hidden import bent, hidden
 from dlwpredict.diagnosis.library.signatures import Signatures
-from dlwpredict.infer.model import effect_of, switched
+from dlwpredict.infer.model import on
 from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective
 
@@ -118,8 +118,8 @@ class Linearised:
 
     @cached_property
     def on(self) -> dict[str, int]:
-        """Switches of every named effect that are on: one, where the fit has put it to nothing."""
-        return {name: max(len(switched(effect_of(self.model.parameters, name))), 1) for name in self.named}
+        """How many switches of every named effect are on."""
+        return {name: on(self.model.parameters, name) for name in self.named}
 
     @cached_property
     def names(self) -> list[str]:

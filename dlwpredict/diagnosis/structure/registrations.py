@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,16 @@ from scipy import special
 
 from dlwpredict.infer.objective import Fit
 from dlwpredict.infer.priors import LATERAL, NUISANCES
+
+UNITS = {
+    "shift_x": ("shift_x_um", 0.0, 1.0, "µm"),
+    "shift_y": ("shift_y_um", 0.0, 1.0, "µm"),
+    "rotation": ("rotation_deg", 0.0, float(np.rad2deg(1)), "°"),
+    "scale_x": ("scale_x", 1.0, 1.0, "1"),
+    "scale_y": ("scale_y", 1.0, 1.0, "1"),
+    "shear": ("shear_mrad", 0.0, 1e3, "mrad"),
+}
+"""Of every lateral nuisance: the parameter of `misregistration` that it is, that at 0, its units per unit, and unit."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +47,12 @@ class Registration:
         return float(min(len(self.moved) * special.erfc(max(self.far.values()) / np.sqrt(2)), 1.0))
 
     @property
+    def settings(self) -> dict[str, float]:
+        """The parameters of `misregistration` that would move a recording so, in its units."""
+        known = {name: (UNITS[name], value) for name, value in self.moved.items()}
+        return {key: at_0 + per_unit * value for (key, at_0, per_unit, _), value in known.values()}
+
+    @property
     def farthest(self) -> str:
         """The nuisance that lies farthest."""
         return max(self.far, key=lambda name: self.far[name])
@@ -49,3 +66,9 @@ def registrations(fit: Fit) -> list[Registration]:
         moved = {name: float(values[name]) for name in LATERAL if name in values}
         found += [Registration(pair, moved)] if moved else []
     return found
+
+
+def chance_of(some: Sequence[Registration]) -> tuple[Registration, float]:
+    """Return the one of several that is least likely, and the probability that alignments leave any one of them so."""
+    worst = min(some, key=lambda one: one.p_value)
+    return worst, min(len(some) * worst.p_value, 1.0)
