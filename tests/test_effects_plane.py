@@ -95,11 +95,11 @@ def test_a_wall_leaves_no_trace_beyond_three_pixels():
 
 
 def test_a_wave_of_six_pixels_is_moved_as_it_is():
-    """To a hundredth of the change in the mean square; by cubic convolution of four pixels it would be 4 %."""
+    """To a fortieth of the change in the mean square; by cubic convolution of four pixels it would be a tenth."""
     k = 2 * np.pi / 6
     wave = HeightMap(np.sin(k * np.arange(40)) + np.zeros((8, 1)), 0.5, 0.25)
     x, y = np.meshgrid(wave.x_um - 0.3 * wave.dx_um, wave.y_um)
     wanted = np.sin(k * (np.arange(40) - 0.3)) - wave.heights_um
     change = resampled(wave, x, y) - wave.heights_um
     inner = slice(6, -6)
-    assert np.linalg.norm((change - wanted)[:, inner]) < 0.01 * np.linalg.norm(wanted[:, inner])
+    assert np.linalg.norm((change - wanted)[:, inner]) < 0.025 * np.linalg.norm(wanted[:, inner])
