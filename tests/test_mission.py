@@ -39,7 +39,7 @@ OFF = {"galvo-lag": "not named"}
 
 DEAR = {
     "galvo-lag": "what no form fits is looked for among many",
-    "instrument-blur": "526 predictions: what a width may have taken the place of is begun at the paper's focus",
+    "instrument-blur": "what a width may have taken the place of is begun at the paper's focus as well",
 }
 """Those for which it takes more: what no form fits, or a focus far from its prior, is looked for among many."""
 
