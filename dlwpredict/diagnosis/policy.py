@@ -29,9 +29,9 @@ SINGLES, PAIRS, NEXT, INSTEAD = 5, 2, 3, 3
 the place of each. The first are the ones that the linear screen puts first; a round begins anew where it ends."""
 
 BY_SWITCH = 2
-"""Switches of an effect that are tried, at each place that it may take: those that the screen puts first. To first order
-the sag of a field stood a fifth behind its tilt, and refitted it was the better one. Every further one is one more refit
-at every place."""
+"""Switches of an effect that are tried, at each place that it may take: those that the screen puts first. To first
+order the sag of a field stood a fifth behind its tilt, and refitted it was the better one. Every further one is one
+more refit at every place."""
 
 HALF = 0.5
 """An effect that explains less than this share of what the best explains, to first order, is not refitted first."""
