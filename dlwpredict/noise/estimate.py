@@ -45,8 +45,8 @@ NEAR_PX, FAR_PX = 2, (4, 8, 16)
 """Neighbourhood of the estimate: smaller than that of the whitener, since many models are looked at."""
 
 SEARCHED_POINTS, MOST_POINTS = 6000, 8000
-"""Points whose conditional likelihood enters the search, and the estimate. In 154 maps of a spent proof the search finds
-the kind of noise that was drawn in 143; on 2500 points in 136, for two thirds of the time."""
+"""Points whose conditional likelihood enters the search, and the estimate. In 154 maps of a spent proof the search
+finds the kind of noise that was drawn in 143; on 2500 points in 136, for two thirds of the time."""
 
 
 @dataclass(frozen=True)
