@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, choose
 from dlwpredict.infer.objective import Fit, Objective
@@ -97,10 +97,12 @@ class Sight:
     rest: float
 
     @classmethod
-    def of(cls, targets: Sequence[HeightMap], process: dict, noise: dict) -> Sight:
-        """Linearise about the truth."""
-        parameters = parameters_of(process)
-        pairs = [(target, predict(target, parameters)) for target in targets]
+    def of(
+        cls, targets: Sequence[HeightMap], process: dict, noise: dict, recorded_um: float | None = None
+    ) -> Sight:
+        """Linearise about the truth; pixels that were recorded wider than the target's make walls wider."""
+        parameters, instrument = parameters_of(process), Instrument(pitch_um=recorded_um)
+        pairs = [(target, replace(predict(target, parameters), instrument=instrument)) for target in targets]
         free = choose(parameters)
         true = placed(whitened(pairs, noise), free, free.start)
         return cls(true, _refitted(true, [0.0] * len(pairs)).cost)

@@ -135,8 +135,9 @@ class Bare:
         """Print some structures of a case with nothing concealed, on coarse pixels: only strengths hang on them."""
         pitch_um = max(drawn.pitch_um, structures.FINE_ENOUGH_UM)
         parts = [structures.made(one, pitch_um) for one in listed]
-        noise = coarser(drawn.noise, drawn.raw.get("pitch_um", drawn.pitch_um), pitch_um)
-        return cls(drawn, parts, Sight.of(parts, drawn.process, noise), shown(drawn, parts, []))
+        recorded_um = drawn.raw.get("pitch_um", drawn.pitch_um)
+        noise = coarser(drawn.noise, recorded_um, pitch_um)
+        return cls(drawn, parts, Sight.of(parts, drawn.process, noise, recorded_um), shown(drawn, parts, []))
 
     def shares(self, entry: dict) -> dict[str, float]:
         """Return what becomes of the change that an effect makes, as the press prints it."""
