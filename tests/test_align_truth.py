@@ -10,6 +10,8 @@ from dlwpredict import designs
 from dlwpredict.alignment import align
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
 from tests.bench.recorder import Truth, record
 
 SMALL = {"size_um": 30.0, "pitch_um": 0.3, "margin_um": 6.0}
@@ -77,6 +79,22 @@ def test_scale_is_noticed_and_a_rigid_pose_is_left_rigid():
     plain = align(recorded(air, field_um=(42.0, 42.0)), inner)
     assert plain.distortion == "rigid"
     assert plain.pose.scale == pytest.approx((1.0, 1.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("threshold", [0.2, 0.45])
+def test_a_lens_that_is_printed_wider_is_no_scale_of_the_microscope(threshold):
+    """Walls that the focus has moved pass for a scale, p = 1e-15 and a pixel at the rim; on a relief they do not."""
+    process = ParameterSet(paper=Paper(threshold=threshold, exposure_fwhm_xy_um=0.7))
+    lens = designs.lens(size_um=24.0, pitch_um=0.4, margin_um=5.0, base_um=3.0, height_um=3.0)
+    found = align(recorded(predict(lens, process), field_um=(42.0, 42.0)), lens)
+    assert (found.distortion, found.pose.scale) == ("rigid", pytest.approx((1.0, 1.0)))
+    assert found.distortion_test["affine"]["untold"]
+    air = designs.air(size_um=40.0, pitch_um=0.4, margin_um=5.0, base_um=3.0, correlation_um=4.0, seed=2)
+    for scale, distortion in ((1.0, "rigid"), (1.015, "affine")):
+        found = align(recorded(predict(air, process), scale=(scale, scale), field_um=(54.0, 54.0)), air)
+        np.testing.assert_allclose(found.pose.scale, scale, atol=1e-3)
+        assert (found.distortion, found.distortion_test["affine"]["untold"]) == (distortion, False)
 
 
 @pytest.mark.slow

@@ -8,12 +8,16 @@ import numpy as np
 from scipy import special
 
 from dlwpredict.alignment.pose import Distortion, Pose, Wanted
-from dlwpredict.alignment.refine import Fit, Level, refine
+from dlwpredict.alignment.refine import Fit, Level, refine, slopes
 from dlwpredict.alignment.uncertainty import figure_covariance, pose_covariance
 
 SIGNIFICANCE = 1e-3
 LEAST_MOVE_PX = 0.1
 UNDETERMINED_DEG = 5.0
+
+LEAST_OWN = 0.05
+"""Share, in energy, of what a distortion changes that nothing else may look like, at least: no formula of a print's
+form is trusted further than to 5 % (`diagnosis.policy.FORM_ERROR`). A lone lens that is wider is a wider lens."""
 
 # what each model adds to the one below: places in `Pose.figures` and their values without distortion
 _ADDED = {"affine": (slice(3, 6), np.array([1.0, 1.0, 0.0])), "bow": (slice(6, 12), np.zeros(6))}
@@ -35,8 +39,9 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
 
     ``wanted`` is rigid, affine or bow, or auto: bow where its six terms differ from zero, else affine where scale
     and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the block-jackknife covariance,
-    T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks, p < 0.001; and the rim moves by more than a
-    tenth of a target pixel.
+    T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks, p < 0.001; the rim moves by more than a tenth of
+    a target pixel; and of what changes, more than `LEAST_OWN` is nothing that the print itself may look like. Where
+    that does not hold of scale and shear, a bow, which has them too, is not asked for.
     """
     for level in levels:
         fit = refine(level, pose, "rigid")
@@ -53,7 +58,7 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
         fit = refine(levels[-1], fit.pose, model)
         fits[model] = fit
         tests[model] = _test(fit, model, pixel_um)
-        if model == wanted:
+        if model == wanted or (wanted == "auto" and tests[model]["own_share"] <= LEAST_OWN):
             break
     settled: Distortion
     if wanted == "auto":
@@ -85,8 +90,25 @@ def _test(fit: Fit, model: Distortion, pixel_um: float) -> dict[str, float | boo
     t2 = float(added / size @ np.linalg.pinv(spread / np.outer(size, size), hermitian=True) @ (added / size))
     free = max(blocks - count, 1.0)
     p = float(special.fdtrc(count, free, t2 * free / (count * max(blocks - 1, 1.0))))
-    move = _rim_move(fit.pose, model) / pixel_um
-    return {"p_value": p, "rim_px": move, "blocks": blocks, "accepted": p < SIGNIFICANCE and move > LEAST_MOVE_PX}
+    move, own = _rim_move(fit.pose, model) / pixel_um, own_share(fit)
+    moved, told = p < SIGNIFICANCE and move > LEAST_MOVE_PX, own > LEAST_OWN
+    found = {"p_value": p, "rim_px": move, "blocks": blocks, "own_share": own}
+    return {**found, "untold": moved and not told, "accepted": moved and told}
+
+
+def own_share(fit: Fit) -> float:
+    """Share of what the distortion of a pose changes, in energy, that neither the likeness nor a shift takes up.
+
+    A point's change is known no better than to `LEAST_OWN` of its energy: walls, which change most, drown nothing.
+    """
+    pose, (x, y) = fit.pose, fit.level.grid
+    rigid = Pose.rigid(pose.shift_um, pose.rotation_deg)
+    moved = np.subtract(pose.to_recording(x.ravel(), y.ravel()), rigid.to_recording(x.ravel(), y.ravel()))
+    change = np.sum(slopes(fit.level, pose, fit.fitted) * moved, axis=0)
+    variance = np.average(fit.residual**2, weights=fit.weights + 1e-12)
+    weights = fit.weights / (variance + LEAST_OWN * change**2)
+    left = fit.beside(change, weights)
+    return float(np.sum(weights * left**2) / max(np.sum(weights * change**2), 1e-300))
 
 
 def _rim_move(pose: Pose, model: str) -> float:

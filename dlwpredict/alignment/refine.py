@@ -77,6 +77,11 @@ class Fit:
     jacobian: np.ndarray = field(repr=False)
     level: Level = field(repr=False)
 
+    def beside(self, change: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Return what of a change of the recording (points,) neither the likeness nor a shift takes up."""
+        others = np.column_stack([self.level.columns, self.jacobian[:, :2]])
+        return change - others @ _solved(others, weights, change)
+
     @property
     def correlation(self) -> float:
         """Multiple correlation of recording and likeness beyond a plane, 0 to 1."""
@@ -113,26 +118,35 @@ def _linear(level: Level, pose: Pose, distortion: Distortion, floor: float) -> F
     heights, support = level.read(pose)
     weights, columns = support, level.columns
     for _ in range(2):
-        normal = columns.T @ (columns * weights[:, None])
-        normal[np.diag_indices_from(normal)] *= 1 + 1e-9
-        normal[np.diag_indices_from(normal)] += 1e-9 * weights.sum()
-        coefficients = np.linalg.solve(normal, columns.T @ (weights * heights))
-        fitted = columns @ coefficients
+        fitted = columns @ _solved(columns, weights, heights)
         residual = heights - fitted
         sigma = max(mad_sigma(residual[support > 0]), floor, 1e-9)
         weights = support / np.maximum(1, np.abs(residual) / (HUBER * sigma))
     jacobian = _jacobian(level, pose, fitted, distortion)
-    mimic = np.linalg.solve(normal, columns.T @ (jacobian * weights[:, None]))
-    return Fit(pose, residual, weights, fitted, jacobian - columns @ mimic, level)
+    mimic = columns @ _solved(columns, weights, jacobian)
+    return Fit(pose, residual, weights, fitted, jacobian - mimic, level)
+
+
+def _solved(columns: np.ndarray, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the coefficients of columns in a weighted fit to values (points, ...); what is blind stays near 0."""
+    weighted = columns * weights[:, None]
+    normal = columns.T @ weighted
+    normal[np.diag_indices_from(normal)] *= 1 + 1e-9
+    normal[np.diag_indices_from(normal)] += 1e-9 * weights.sum()
+    return np.linalg.solve(normal, weighted.T @ values)
+
+
+def slopes(level: Level, pose: Pose, fitted: np.ndarray) -> np.ndarray:
+    """Return ∇_q m = A⁻ᵀ∇_p m of a likeness, over the recording, shape (2, points)."""
+    down, right = np.gradient(fitted.reshape(level.grid[0].shape), level.pitch_um)
+    return np.linalg.inv(np.array(pose.matrix)).T @ np.stack([right.ravel(), -down.ravel()])
 
 
 def _jacobian(level: Level, pose: Pose, fitted: np.ndarray, distortion: Distortion) -> np.ndarray:
-    """Derivative of the recorded heights by the pose: ∇_q m = A⁻ᵀ∇_p m, shape (points, parameters)."""
+    """Derivative of the recorded heights by the pose, shape (points, parameters)."""
     x, y = level.grid
-    down, right = np.gradient(fitted.reshape(x.shape), level.pitch_um)
-    slope = np.linalg.inv(np.array(pose.matrix)).T @ np.stack([right.ravel(), -down.ravel()])
     moves = pose.jacobian(x.ravel(), y.ravel(), distortion)
-    return np.einsum("dp,kdp->pk", slope, moves)
+    return np.einsum("dp,kdp->pk", slopes(level, pose, fitted), moves)
 
 
 def _step(fit: Fit, distortion: Distortion) -> tuple[np.ndarray, float]:

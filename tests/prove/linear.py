@@ -97,9 +97,7 @@ class Sight:
     rest: float
 
     @classmethod
-    def of(
-        cls, targets: Sequence[HeightMap], process: dict, noise: dict, recorded_um: float | None = None
-    ) -> Sight:
+    def of(cls, targets: Sequence[HeightMap], process: dict, noise: dict, recorded_um: float | None = None) -> Sight:
         """Linearise about the truth; pixels that were recorded wider than the target's make walls wider."""
         parameters, instrument = parameters_of(process), Instrument(pitch_um=recorded_um)
         pairs = [(target, replace(predict(target, parameters), instrument=instrument)) for target in targets]
