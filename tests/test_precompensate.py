@@ -116,8 +116,13 @@ class TestLimits:
 
     def test_a_slice_higher_than_anything_that_may_be_written_is_refused(self):
         """No whole number of them would be left, and nothing would be written."""
-        with pytest.raises(InputError, match=r"--slicing-um.*0\.6.*0 to 0\.55"):
+        with pytest.raises(InputError, match=r"--slicing-um.*0\.6.*0\.0001 to 0\.55"):
             Limits(maximum_um=0.55, slicing_um=0.6)
+
+    @pytest.mark.parametrize("slicing_um", [-0.1, 5e-324, np.inf, np.nan])
+    def test_a_slice_of_nearly_nothing_or_of_no_size_is_refused(self, slicing_um):
+        with pytest.raises(InputError, match="--slicing-um"):
+            Limits(slicing_um=slicing_um)
 
     def test_something_stays_wherever_the_target_has_something(self):
         target = HeightMap(np.where(self.footprint, 1.5, 0.0).repeat(2, axis=0), 1.0, 1.0)

@@ -11,8 +11,8 @@ from scipy import ndimage
 from dlwpredict import designs
 from dlwpredict.alignment import align
 from dlwpredict.calibration import calibrate
-from dlwpredict.correction.precompensate import Limits, precompensate
-from dlwpredict.errors import ResultError
+from dlwpredict.correction.precompensate import LEAST_SLICE_UM, Limits, precompensate
+from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.recording import prepare
@@ -23,8 +23,6 @@ from tests.strategies import between, processes, targets
 
 ONE = Levels(threads=1)
 SEEDS = st.integers(0, 2**32 - 1)
-SLICES = st.just(0.0) | between(1e-3, 1.0)
-"""Height of a slice as a share of the highest that may be written."""
 
 properties = settings(max_examples=25, deadline=None, derandomize=True)
 few = settings(properties, max_examples=5)
@@ -114,8 +112,8 @@ def recorded(target, turn_deg, shift_um, tilt_mrad, rng) -> HeightMap:
 class TestPrecompensate:
     @pytest.mark.slow
     @properties
-    @given(targets(most_px=24), processes(), st.integers(1, 8), st.sampled_from([0, 5]), SLICES)
-    def test_ends_bounded_even_where_the_target_is_out_of_reach(self, target, process, most, memory, slices):
+    @given(targets(most_px=24), processes(), st.integers(1, 8), st.sampled_from([0, 5]), between(0.0, 1.0))
+    def test_ends_bounded_even_where_the_target_is_out_of_reach(self, target, process, most, memory, slicing_um):
         """Lines thinner than the focus, heights above the maximum of the press: it ends and says what is missing."""
         calls = 0
 
@@ -125,7 +123,11 @@ class TestPrecompensate:
             return predict(written, process, numerics=ONE)
 
         maximum_um = 1.2 * float(target.heights_um.max())
-        limits = Limits(maximum_um=maximum_um, slicing_um=slices * maximum_um)
+        if slicing_um and not LEAST_SLICE_UM <= slicing_um <= maximum_um:
+            with pytest.raises(InputError, match="--slicing-um"):
+                Limits(maximum_um=maximum_um, slicing_um=slicing_um)
+            return
+        limits = Limits(maximum_um=maximum_um, slicing_um=slicing_um)
         try:
             found = precompensate(target, printed, limits=limits, most_predictions=most, memory=memory)
         except ResultError as problem:
@@ -136,7 +138,7 @@ class TestPrecompensate:
         written = found.corrected.heights_um
         assert np.isfinite(written).all() and written.min() >= 0 and written.max() <= limits.maximum_um + 1e-9
         np.testing.assert_array_equal(written > 0, target.heights_um > 0)
-        if slices == 0:
+        if slicing_um == 0:
             assert found.summary()["rmse_um"]["after"] <= found.summary()["rmse_um"]["before"]
 
     @properties

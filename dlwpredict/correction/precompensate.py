@@ -24,6 +24,9 @@ HIGHEST = 2.0
 """Nothing is written higher than so many times the target's highest point, unless a maximum is given: resin shrinks by
 less than half, and what asks for more is a wall or an edge that no height mends."""
 
+LEAST_SLICE_UM = 1e-4
+"""A tenth of a nanometre: no stage moves by less, and heights are no finite number of slices of nearly nothing."""
+
 AS_IT_COMES = Printable()
 
 LAST = 3
@@ -56,8 +59,9 @@ class Limits:
     def __post_init__(self) -> None:
         if not self.maximum_um > 0:
             raise InputError(f"found {self.maximum_um:g}", key="--maximum-um", allowed="allowed: above 0")
-        if not 0 <= self.slicing_um <= self.maximum_um or np.isinf(self.slicing_um):
-            allowed = f"allowed: 0 to {self.maximum_um:.4g}, the highest that may be written"
+        whole = LEAST_SLICE_UM <= self.slicing_um <= self.maximum_um and np.isfinite(self.slicing_um)
+        if self.slicing_um != 0 and not whole:
+            allowed = f"allowed: 0, or {LEAST_SLICE_UM:g} to {self.maximum_um:.4g}, the highest that may be written"
             raise InputError(f"found {self.slicing_um:g}", key="--slicing-um", allowed=allowed)
 
     def within(self, written: np.ndarray, target: HeightMap) -> np.ndarray:
