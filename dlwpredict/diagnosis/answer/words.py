@@ -8,7 +8,7 @@ from typing import Any
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.judge import Diagnosis
-from dlwpredict.diagnosis.structure.registrations import UNITS, Registration, chance_of, registrations
+from dlwpredict.diagnosis.structure.registrations import PARAMETERS, Registration, chance_of, registrations
 from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
 from dlwpredict.infer.priors import NUISANCES
@@ -217,7 +217,8 @@ def _lies(one: Registration) -> str:
         )
     if name.startswith("shift"):
         return f"lies {value:+.2f} µm along {name[-1]} from where its alignment says, which leaves {left:.2g} µm open"
-    _, _, per_unit, unit = UNITS[one.farthest]
+    parameter, per_one = PARAMETERS[name]
+    unit = declarations(library()["misregistration"])[parameter][1].unit
     what, gap = ("turned", "") if name == "rotation" else ("sheared", " ")
-    by, open_by = (f"{per_unit * size:.2g}{gap}{unit}" for size in (value, left))
+    by, open_by = (f"{per_one * size:.2g}{gap}{unit}" for size in (value, left))
     return f"is {what} by {by} against its alignment, which leaves {open_by} open"

@@ -8,18 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from dlwpredict.effects import library
 from dlwpredict.infer.objective import Fit
 from dlwpredict.infer.priors import LATERAL, NUISANCES
+from dlwpredict.parameters import declarations
 
-UNITS = {
-    "shift_x": ("shift_x_um", 0.0, 1.0, "µm"),
-    "shift_y": ("shift_y_um", 0.0, 1.0, "µm"),
-    "rotation": ("rotation_deg", 0.0, float(np.rad2deg(1)), "°"),
-    "scale_x": ("scale_x", 1.0, 1.0, "1"),
-    "scale_y": ("scale_y", 1.0, 1.0, "1"),
-    "shear": ("shear_mrad", 0.0, 1e3, "mrad"),
+PARAMETERS = {
+    "shift_x": ("shift_x_um", 1.0),
+    "shift_y": ("shift_y_um", 1.0),
+    "rotation": ("rotation_deg", float(np.rad2deg(1))),
+    "scale_x": ("scale_x", 1.0),
+    "scale_y": ("scale_y", 1.0),
+    "shear": ("shear_mrad", 1e3),
 }
-"""Of every lateral nuisance: the parameter of `misregistration` that it is, that at 0, its units per unit, and unit."""
+"""Of every lateral nuisance: the parameter of `misregistration` that it is, and how much of that is one of it."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,9 @@ class Registration:
     @property
     def settings(self) -> dict[str, float]:
         """The parameters of `misregistration` that would move a recording so, in its units."""
-        known = {name: (UNITS[name], value) for name, value in self.moved.items()}
-        return {key: at_0 + per_unit * value for (key, at_0, per_unit, _), value in known.values()}
+        declared = declarations(library()["misregistration"])
+        some = [(*PARAMETERS[name], value) for name, value in self.moved.items()]
+        return {name: declared[name][0] + per_one * value for name, per_one, value in some}
 
     @property
     def farthest(self) -> str:
