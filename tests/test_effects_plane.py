@@ -94,12 +94,13 @@ def test_a_wall_leaves_no_trace_beyond_three_pixels():
     assert change[:, edge + 3 :].max() < 1e-12
 
 
-def test_a_wave_of_six_pixels_is_moved_as_it_is():
-    """To a fortieth of the change in the mean square; by cubic convolution of four pixels it would be a tenth."""
-    k = 2 * np.pi / 6
+def test_a_wave_is_moved_by_the_transfer_of_hermites_cubics():
+    """At t between two pixels: h₀ + h₁·e^(ik) + i·σ·(g₀ + g₁·e^(ik)), σ = (8·sin k − sin 2k)/6 the slope of sin kx."""
+    k, t = 2 * np.pi / 6, 0.7
     wave = HeightMap(np.sin(k * np.arange(40)) + np.zeros((8, 1)), 0.5, 0.25)
-    x, y = np.meshgrid(wave.x_um - 0.3 * wave.dx_um, wave.y_um)
-    wanted = np.sin(k * (np.arange(40) - 0.3)) - wave.heights_um
-    change = resampled(wave, x, y) - wave.heights_um
+    x, y = np.meshgrid(wave.x_um + (t - 1) * wave.dx_um, wave.y_um)
+    slope, rise = (8 * np.sin(k) - np.sin(2 * k)) / 6, t * t * (3 - 2 * t)
+    ends = np.array([1 - rise + 1j * slope * t * (1 - t) ** 2, rise - 1j * slope * t * t * (1 - t)])
+    wanted = (ends @ np.exp([0, 1j * k]) * np.exp(1j * k * (np.arange(40) - 1))).imag
     inner = slice(6, -6)
-    assert np.linalg.norm((change - wanted)[:, inner]) < 0.025 * np.linalg.norm(wanted[:, inner])
+    np.testing.assert_allclose(resampled(wave, x, y)[:, inner], np.tile(wanted[inner], (8, 1)), atol=1e-12)
