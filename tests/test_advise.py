@@ -39,6 +39,8 @@ from dlwpredict.process import predict
 
 TRUTH = ParameterSet(paper=Paper(0.5, 1.6, 0.45, 6.0, 6.5, 0.72, 0.96))
 LAG, SLOPE = library()["galvo-lag"](lag_um=0.5), library()["slope-error"](signed_y_um=-0.4)
+SHORT = library()["line-length-error"](start_um=-0.3, end_um=-0.3)
+FLANKS = library()["slope-error"](bias_abs_y_um=0.2)
 VIGNETTING, CURVATURE = library()["vignetting"](strength=0.05), library()["field-curvature"](sag_um=-0.07)
 
 
@@ -105,23 +107,34 @@ def test_turning_swaps_the_pitches_and_comes_back():
     np.testing.assert_array_equal(turned(turned(part, 1), -1).heights_um, part.heights_um)
 
 
-def test_lag_and_signed_slope_error_are_told_apart_by_turning_the_sample(noisy):
-    members = [LAG, SLOPE]
+def test_short_lines_and_lost_flanks_are_told_apart_by_turning_the_sample(noisy):
+    members = [SHORT, FLANKS]
     assert now(noisy, members) < LEAST
     advice = advise(noisy, members)
-    assert advice.setup in ("sample turned 90°", "sample turned 180°")
+    assert advice.setup == "sample turned 90°"
     assert advice.command is None and advice.separation >= SURE
     assert "under the microscope" in advice.sentence and "standard deviations apart" in advice.sentence
 
 
 def test_the_same_once_more_unturned_would_not_do(noisy):
     """What the turn brings is not the second look alone."""
-    members = [LAG, SLOPE]
+    members = [SHORT, FLANKS]
     rows = triangle_of(present_columns(noisy, members), noisy.nuisances)
     again = Setup("again", 0, "Record it again", noisy.data[0].recording.target)
     repeated = separation(np.vstack([rows, simulator(noisy, members)(again, False)]), len(noisy.free.names)).sd
     assert repeated == pytest.approx(np.sqrt(2) * now(noisy, members), rel=0.05)
     assert advise(noisy, members).separation > MORE * repeated
+
+
+def test_no_turn_tells_a_lag_from_a_signed_slope_error(noisy):
+    """Both are a shift, and a recording has no place of its own: what is left of either does not turn."""
+    members = [LAG, SLOPE]
+    assert now(noisy, members) < LEAST
+    rows = triangle_of(present_columns(noisy, members), noisy.nuisances)
+    turned_by_180 = Setup("turned", 0, "Turn it", noisy.data[0].recording.target, view_turns=2)
+    both = np.vstack([rows, simulator(noisy, members)(turned_by_180, False)])
+    assert separation(both, len(noisy.free.names)).sd < LEAST
+    assert "turned" not in advise(noisy, members).setup
 
 
 def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):

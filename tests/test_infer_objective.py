@@ -165,16 +165,18 @@ class TestDerivatives:
         np.testing.assert_array_equal(again.jacobian, now.jacobian)
         assert objective.work.predictions == spent
 
-    def test_beside_another_noise_they_are_what_they_would_be(self, air, printed):
-        recording = prepare(air, printed.with_heights(1.01 * printed.heights_um))
+    @pytest.mark.parametrize(("free_shift", "share"), [(False, 1e-9), (True, 0.01)])
+    def test_beside_another_noise_they_are_what_they_would_be(self, air, printed, free_shift, share):
+        """Exactly where no registration moves with the noise; else but for the 10 nm by which it does here."""
+        recording = prepare(air, printed.with_heights(1.001 * printed.heights_um), free_shift=free_shift)
         first, other = objective_of(recording), Whitened.of(recording, Uneven(Noise(0.004, 0.01, 1.0, 0.5, 0.5)))
         now = first.differentiated(first.at(SEVEN, SEVEN.start))
         second = Objective((replace(other, shift_um=now.data[0].shift_um),))
         anew, over = second.differentiated(second.at(SEVEN, SEVEN.start)), rewhitened(now, second)
         np.testing.assert_allclose(over.residual, anew.residual, atol=1e-8)
-        kappas = [SEVEN.index(name) for name in ("shrinkage_min", "shrinkage_max")]
-        size = np.abs(anew.jacobian).max(axis=0)
-        np.testing.assert_allclose((over.jacobian / size)[:, kappas], (anew.jacobian / size)[:, kappas], atol=0.02)
+        for name in ("shrinkage_min", "shrinkage_max"):
+            one, two = over.jacobian[:, SEVEN.index(name)], anew.jacobian[:, SEVEN.index(name)]
+            assert np.linalg.norm(one - two) < share * np.linalg.norm(two)
 
 
 def test_work_counts_predictions_and_shows_places(air, printed):

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from dlwpredict.infer.free import Free, fittable
 from dlwpredict.infer.intervals import Intervals
 from dlwpredict.infer.objective import Fit
-from dlwpredict.infer.priors import LEVELLING, NUISANCES, SHIFTS, Prior
+from dlwpredict.infer.priors import LEVELLING, SHIFTS, Prior
 from dlwpredict.infer.recording import Recording
 from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 
@@ -27,9 +27,8 @@ PRIOR_SHARE = np.sqrt(0.5)
 EDGE_SHARE = 1e-3
 """It is at a bound where it lies nearer to it than this share of its bounds."""
 
-
-OFF_SD = 2.5
-"""A recording lies off its target where its shift is this many standard deviations of its prior, or a pixel."""
+SHIFTED_UM = 0.25
+"""A recording lies off its target where it is shifted by more than this, or by a pixel: an alignment leaves less."""
 
 OPEN, WEAK = "not identified by these structures", "only weakly known"
 
@@ -182,7 +181,7 @@ def _about_shifts(end: Fit) -> list[str]:
     said = []
     for k, item in enumerate(end.data):
         moved, target = nuisances_um(end, k), item.recording.target
-        most = min(max(target.dx_um, target.dy_um), OFF_SD * NUISANCES["shift_x"][1])
+        most = min(max(target.dx_um, target.dy_um), SHIFTED_UM)
         x_um, y_um = (moved.get(name, 0.0) for name in SHIFTS)
         shift = np.hypot(x_um, y_um)
         if shift > most:

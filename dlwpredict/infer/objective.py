@@ -1,7 +1,7 @@
 """The objective: −2 ln L of whitened residuals plus declared priors, with everything that a descent needs of it.
 
 Nuisances of a recording are linear, so their best values are found at every place of the parameters (variable
-projection; Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973); only registration is moved to second order.
+projection; Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973); a shift alone is followed along its own path.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ NUISANCES: dict[str, tuple[float, float]] = {
     "offset": (0.0, FREE),
     "tilt_x": (0.0, FREE),
     "tilt_y": (0.0, FREE),
-    "shift_x": (0.0, 0.1),  # µm that an alignment leaves, and what a print does to its own edges
-    "shift_y": (0.0, 0.1),
+    "shift_x": (0.0, 1.0),  # µm: no recording has a place of its own, and an alignment lays a lag on its mean
+    "shift_y": (0.0, 1.0),
     "rotation": (0.0, float(np.deg2rad(0.1))),  # rad that an alignment leaves
     "scale_x": (0.0, 2e-3),  # what the certificate of a pixel pitch leaves open
     "scale_y": (0.0, 2e-3),

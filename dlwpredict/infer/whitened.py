@@ -17,6 +17,7 @@ from dlwpredict.infer.priors import LATERAL, SHIFTS
 from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
+from dlwpredict.numerics.interpolation import DIFFERENCES, moved_along
 
 STEEPEST = 3.0
 """Slope beyond which a pixel's is that of a wall, and says nothing more."""
@@ -28,13 +29,7 @@ def gradient(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
     It reaches two pixels to either side, less than the rim of a wall that does not count: a jump of the map never
     passes for a slope.
     """
-    return ndimage.correlate1d(heights_um, np.array([1, -8, 0, 8, -1]) / 12, axis=axis, mode="nearest") / pitch_um
-
-
-def bending(heights_um: np.ndarray, pitch_um: float, axis: int) -> np.ndarray:
-    """Return the second derivative along an axis of the array, fourth order, two pixels to either side."""
-    taps = np.array([-1, 16, -30, 16, -1]) / 12
-    return ndimage.correlate1d(heights_um, taps, axis=axis, mode="nearest") / pitch_um**2
+    return ndimage.correlate1d(heights_um, DIFFERENCES[6], axis=axis, mode="nearest") / pitch_um
 
 
 def steepness(heights_um: np.ndarray, grid: HeightMap) -> np.ndarray:
@@ -46,20 +41,15 @@ def steepness(heights_um: np.ndarray, grid: HeightMap) -> np.ndarray:
 def shifted(
     heights_um: np.ndarray, grid: HeightMap, shift_um: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return maps (..., rows, cols) moved by a small (x, y), y upwards, to second order, and their slopes.
+    """Return maps (..., rows, cols) moved by (x, y), y upwards, and their slopes along x and y.
 
-    f − x·f_x − y·f_y + (x²·f_xx + 2xy·f_xy + y²·f_yy)/2; the slopes, along x and y, are minus its exact derivatives by
-    x and y. Differences of the moved map would not be: where features are few pixels wide, registration by them does
-    not converge.
+    The slopes are minus the exact derivatives of the moved maps by x and y. Differences of the moved map would not be:
+    where features are few pixels wide, registration by them does not converge.
     """
-    x, y = shift_um
-    right, up = gradient(heights_um, grid.dx_um, -1), -gradient(heights_um, grid.dy_um, -2)
-    if x == 0 and y == 0:
-        return heights_um, right, up
-    mixed = gradient(up, grid.dx_um, -1)
-    slope_x = right - x * bending(heights_um, grid.dx_um, -1) - y * mixed
-    slope_y = up - y * bending(heights_um, grid.dy_um, -2) - x * mixed
-    return heights_um - (x * (right + slope_x) + y * (up + slope_y)) / 2, slope_x, slope_y
+    across, up = shift_um[0] / grid.dx_um, -shift_um[1] / grid.dy_um
+    along, by_row = moved_along(heights_um, up, -2)
+    moved, by_column = moved_along(along, across, -1)
+    return moved, -by_column / grid.dx_um, moved_along(by_row, across, -1)[0] / grid.dy_um
 
 
 def displacements(grid: HeightMap) -> np.ndarray:
@@ -169,6 +159,6 @@ class Whitened:
         return np.array([values.get(name, 0.0) for name in SHIFTS])
 
     def shifted_by(self, step_um: np.ndarray) -> Whitened:
-        """Return the recording with its registration moved by (x, y), by at most a pixel in all."""
+        """Return the recording with its registration moved by (x, y), by at most a pixel at once."""
         limit = np.array([self.recording.target.dx_um, self.recording.target.dy_um])
-        return replace(self, shift_um=tuple(np.clip(np.array(self.shift_um) + step_um, -limit, limit).tolist()))
+        return replace(self, shift_um=tuple((np.array(self.shift_um) + np.clip(step_um, -limit, limit)).tolist()))

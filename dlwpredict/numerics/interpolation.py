@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from scipy import ndimage
 
 SMOOTH = 0.02
 """Share of the rise from corner to corner of four pixels by which a quintic may differ from a cubic on a surface that
@@ -38,6 +39,36 @@ def read_locally(plane: np.ndarray, place: np.ndarray, pixels: int = 4) -> np.nd
     """
     (rows, up), (cols, across) = (_taps(*along, DIFFERENCES[pixels]) for along in zip(place, plane.shape, strict=True))
     return _weighted(plane, rows, up, cols, across)
+
+
+def moved_along(maps: np.ndarray, by_px: float, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Move maps along an axis by any number of pixels, and differentiate what was moved by that number, exactly.
+
+    By the six-pixel cubics of `read_locally`, one reading for all pixels: f(i − by) and −f′(i − by). Both are continuous
+    in `by`.
+
+    Parameters
+    ----------
+    maps : numpy.ndarray
+        Go on at their rim as they end there.
+    by_px : float
+    axis : int
+
+    Examples
+    --------
+    >>> cubic = np.arange(20.0) ** 3
+    >>> moved, by_shift = moved_along(cubic, 1.5, 0)
+    >>> round(float(moved[10]), 9), round(float(by_shift[10]), 9)
+    (614.125, -216.75)
+    """
+    first = int(np.floor(-by_px))
+    weights, slopes = _cubics(np.array(-by_px - first), DIFFERENCES[6])
+    pixels = np.arange(-2, 4) + first
+    reach = int(np.abs(pixels).max())
+    kernels = np.zeros((2, 2 * reach + 1))
+    kernels[:, pixels + reach] = weights, -slopes
+    moved, by_shift = (ndimage.correlate1d(maps, kernel, axis=axis, mode="nearest") for kernel in kernels)
+    return moved, by_shift
 
 
 def read_means(plane: np.ndarray, place: np.ndarray, width_px: tuple[float, float]) -> np.ndarray:
@@ -110,10 +141,22 @@ def _mean_taps(place: np.ndarray, n: int, width: float, count: int) -> tuple[np.
 def _taps(place: np.ndarray, count: int, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest pixels along one axis and their weights, shape (pixels, ...) each: Hermite's cubics."""
     first, reach = np.floor(place).astype(int), len(difference) // 2
-    t = place - first
-    weights = np.zeros((2 * reach + 2, *t.shape))
-    weights[reach : reach + 2] = 1 - t * t * (3 - 2 * t), t * t * (3 - 2 * t)
-    slopes = t * (t - 1) ** 2, t * t * (t - 1)
-    for end, slope in enumerate(slopes):
-        weights[end : end + len(difference)] += np.multiply.outer(difference, slope)
+    weights, _ = _cubics(place - first, difference)
     return np.clip(np.add.outer(np.arange(-reach, reach + 2), first), 0, count - 1), weights
+
+
+def _cubics(t: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights of the nearest pixels at t, 0 to 1 from one to the next, and their derivatives by t."""
+    reach = len(difference) // 2
+    rise, steep = t * t * (3 - 2 * t), 6 * t * (1 - t)
+    found = []
+    for ends, slopes in (
+        ((1 - rise, rise), (t * (t - 1) ** 2, t * t * (t - 1))),
+        ((-steep, steep), ((t - 1) * (3 * t - 1), t * (3 * t - 2))),
+    ):
+        weights = np.zeros((2 * reach + 2, *t.shape))
+        weights[reach : reach + 2] = ends
+        for end, slope in enumerate(slopes):
+            weights[end : end + len(difference)] += np.multiply.outer(difference, slope)
+        found.append(weights)
+    return found[0], found[1]
