@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from dlwpredict.alignment.pose import Distortion, Pose, Wanted
-from dlwpredict.alignment.refine import Fit, Level, refine, slopes
+from dlwpredict.alignment.pose import Distortion, Pose, Wanted, rotation_matrix
+from dlwpredict.alignment.refine import Fit, Level, changed, parameter_scale, refine, slopes
 from dlwpredict.alignment.uncertainty import figure_covariance, pose_covariance
 
 SIGNIFICANCE = 1e-3
@@ -18,6 +18,9 @@ UNDETERMINED_DEG = 5.0
 LEAST_OWN = 0.05
 """Share, in energy, of what a distortion changes that nothing else may look like, at least: no formula of a print's
 form is trusted further than to 5 % (`diagnosis.policy.FORM_ERROR`). A lone lens that is wider is a wider lens."""
+
+BLIND = 1e-7
+"""Share of the most that a direction may change, in energy, below which it changes nothing."""
 
 # what each model adds to the one below: places in `Pose.figures` and their values without distortion
 _ADDED = {"affine": (slice(3, 6), np.array([1.0, 1.0, 0.0])), "bow": (slice(6, 12), np.zeros(6))}
@@ -37,16 +40,17 @@ class Registration:
 def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *, is_round: bool) -> Registration:
     """Refine a pose from coarse to fine and settle the distortion.
 
-    ``wanted`` is rigid, affine or bow, or auto: bow where its six terms differ from zero, else affine where scale
-    and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the block-jackknife covariance,
-    T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks, p < 0.001; the rim moves by more than a tenth of
-    a target pixel; and of what changes, more than `LEAST_OWN` is nothing that the print itself may look like. Where
-    that does not hold of scale and shear, a bow, which has them too, is not asked for.
+    ``wanted`` is rigid, affine or bow, with all its figures free; or auto: bow where its six terms differ from zero,
+    else affine where scale and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the
+    block-jackknife covariance, T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks and q free directions,
+    p < 0.001; and the rim moves by more than a tenth of a target pixel. With auto, only those directions of scale,
+    shear and bow are free that the print itself cannot look like (`told`); where there are none of scale and shear, no
+    bow is asked for.
     """
     for level in levels:
         fit = refine(level, pose, "rigid")
         pose = fit.pose
-    known = not is_round and rotation_sd(fit, "rigid") < UNDETERMINED_DEG
+    known = not is_round and rotation_sd(fit) < UNDETERMINED_DEG
     if not known:
         fit = refine(
             levels[-1], Pose.rigid(pose.shift_um, 0.0, reach_um=pose.reach_um, mirrored=pose.mirrored), "shift"
@@ -54,66 +58,140 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
     fits: dict[Distortion, Fit] = {"rigid": fit}
     tests: dict[str, dict[str, float | bool]] = {}
     models: tuple[Distortion, ...] = ("affine", "bow")
+    free = _directions(fit.pose, "rigid")
     for model in () if wanted == "rigid" or (wanted == "auto" and not known) else models:
-        fit = refine(levels[-1], fit.pose, model)
-        fits[model] = fit
-        tests[model] = _test(fit, model, pixel_um)
-        if model == wanted or (wanted == "auto" and tests[model]["own_share"] <= LEAST_OWN):
+        whole = own = refine(levels[-1], fit.pose, model)
+        added = _directions(fit.pose, model)
+        if wanted == "auto":
+            added = told(whole, model, added)
+            free = np.column_stack([np.pad(free, [(0, len(added) - len(free)), (0, 0)]), added])
+            own = refine(levels[-1], fit.pose, model, np.linalg.qr(free)[0])
+        fits[model] = own
+        tests[model] = _test(whole, own, model, added.shape[1], pixel_um)
+        if model == wanted or added.shape[1] == 0:
             break
+        fit = own
     settled: Distortion
     if wanted == "auto":
         settled = next((model for model in reversed(models) if model in tests and tests[model]["accepted"]), "rigid")
     else:
         settled = wanted
     fit = fits[settled]
-    kind: Distortion = settled if known or settled != "rigid" else "shift"
-    covariance = figure_covariance(fit.pose, pose_covariance(fit, kind)[0])
+    covariance = figure_covariance(fit.pose, pose_covariance(fit)[0])
     if not known:
         covariance[2, :] = covariance[:, 2] = 0.0
         covariance[2, 2] = 180.0**2 / 3  # uniform over the circle
     return Registration(fit, settled, covariance, tests, known)
 
 
-def rotation_sd(fit: Fit, model: Distortion) -> float:
+def rotation_sd(fit: Fit) -> float:
     """Standard error of the rotation, degrees."""
-    return float(np.sqrt(figure_covariance(fit.pose, pose_covariance(fit, model)[0])[2, 2]))
+    return float(np.sqrt(figure_covariance(fit.pose, pose_covariance(fit)[0])[2, 2]))
 
 
-def _test(fit: Fit, model: Distortion, pixel_um: float) -> dict[str, float | bool]:
-    """Hotelling's test of the figures that a model adds."""
-    covariance, blocks = pose_covariance(fit, model, tiles_only=True)
-    places, without = _ADDED[model]
-    added = fit.pose.figures()[places] - without
-    spread = figure_covariance(fit.pose, covariance)[places, places]
-    count = len(added)
-    size = np.sqrt(np.maximum(np.diag(spread), 1e-30))
-    t2 = float(added / size @ np.linalg.pinv(spread / np.outer(size, size), hermitian=True) @ (added / size))
-    free = max(blocks - count, 1.0)
-    p = float(special.fdtrc(count, free, t2 * free / (count * max(blocks - 1, 1.0))))
-    move, own = _rim_move(fit.pose, model) / pixel_um, own_share(fit)
-    moved, told = p < SIGNIFICANCE and move > LEAST_MOVE_PX, own > LEAST_OWN
-    found = {"p_value": p, "rim_px": move, "blocks": blocks, "own_share": own}
-    return {**found, "untold": moved and not told, "accepted": moved and told}
+def told(fit: Fit, model: Distortion, directions: np.ndarray) -> np.ndarray:
+    """Return those directions of a distortion along which the recording tells it from the form of the print.
+
+    Along them neither the likeness of the target nor a shift takes up more than 1 − `LEAST_OWN` of what the distortion
+    changes, in energy. A point's change is known no better than to `LEAST_OWN` of its energy: walls, which change most,
+    drown nothing.
+
+    Parameters
+    ----------
+    fit : Fit
+        With all of the distortion free.
+    model : Distortion
+    directions : numpy.ndarray, shape (parameters, directions)
+        In units of `parameter_scale`.
+
+    Returns
+    -------
+    numpy.ndarray, shape (parameters, told)
+    """
+    weights, scale = _trusted(fit), parameter_scale(len(directions), fit.pose.reach_um)
+    changes = changed(fit.level, fit.pose, fit.fitted, model) @ (scale[:, None] * directions)
+    sizes, axes = np.linalg.eigh(changes.T @ (changes * weights[:, None]))
+    seen = sizes > BLIND * sizes[-1]
+    axes = axes[:, seen] / np.sqrt(sizes[seen])
+    left = fit.beside(changes @ axes, weights)
+    shares, turns = np.linalg.eigh(left.T @ (left * weights[:, None]))
+    found: np.ndarray = directions @ axes @ turns[:, shares > LEAST_OWN]
+    return found
 
 
 def own_share(fit: Fit) -> float:
-    """Share of what the distortion of a pose changes, in energy, that neither the likeness nor a shift takes up.
-
-    A point's change is known no better than to `LEAST_OWN` of its energy: walls, which change most, drown nothing.
-    """
-    pose, (x, y) = fit.pose, fit.level.grid
-    rigid = Pose.rigid(pose.shift_um, pose.rotation_deg)
-    moved = np.subtract(pose.to_recording(x.ravel(), y.ravel()), rigid.to_recording(x.ravel(), y.ravel()))
-    change = np.sum(slopes(fit.level, pose, fit.fitted) * moved, axis=0)
-    variance = np.average(fit.residual**2, weights=fit.weights + 1e-12)
-    weights = fit.weights / (variance + LEAST_OWN * change**2)
+    """Return the share of what a pose distorts, in energy, that neither likeness nor shift takes up."""
+    weights, change = _trusted(fit), _change(fit)
     left = fit.beside(change, weights)
     return float(np.sum(weights * left**2) / max(np.sum(weights * change**2), 1e-300))
 
 
-def _rim_move(pose: Pose, model: str) -> float:
+def _trusted(fit: Fit) -> np.ndarray:
+    """Return the weights of the points: none's change is known better than to `LEAST_OWN` of its energy."""
+    variance = np.average(fit.residual**2, weights=fit.weights + 1e-12)
+    return fit.weights / (variance + LEAST_OWN * _change(fit) ** 2)
+
+
+def _change(fit: Fit) -> np.ndarray:
+    """Return what the distortion of a pose changes to first order, µm, shape (points,)."""
+    pose, (x, y) = fit.pose, fit.level.grid
+    rigid = Pose.rigid(pose.shift_um, pose.rotation_deg)
+    moved = np.subtract(pose.to_recording(x.ravel(), y.ravel()), rigid.to_recording(x.ravel(), y.ravel()))
+    return np.sum(slopes(fit.level, pose, fit.fitted) * moved, axis=0)
+
+
+def _directions(pose: Pose, model: Distortion) -> np.ndarray:
+    """Return what a model adds to the one below, as directions of the parameters: shape (parameters, directions)."""
+    if model == "bow":
+        return np.eye(12)[:, 6:]
+    turn = rotation_matrix(pose.rotation_deg)
+    scales = [(turn @ np.array(added)).ravel() for added in ([[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 1], [0, 0]])]
+    if model == "affine":
+        return np.concatenate([np.zeros((2, 3)), np.transpose(scales)])
+    around = (turn @ np.array([[0, -1], [1, 0]])).ravel() / np.sqrt(2)
+    return np.column_stack([np.eye(6)[:, :2], [0, 0, *around]])
+
+
+def _test(whole: Fit, own: Fit, model: Distortion, free: int, pixel_um: float) -> dict[str, float | bool]:
+    """Hotelling's test of what a model adds, in its free directions, and what of it was left out."""
+    p, blocks = _chance(own, model, free)
+    move = _rim_move(own.pose, model) / pixel_um
+    left = _rim_distance(whole.pose, own.pose) / pixel_um
+    return {
+        "p_value": p,
+        "rim_px": move,
+        "blocks": blocks,
+        "own_share": own_share(whole),
+        "untold_px": left,
+        "untold": left > LEAST_MOVE_PX and _chance(whole, model, len(_ADDED[model][1]))[0] < SIGNIFICANCE,
+        "accepted": move > LEAST_MOVE_PX and p < SIGNIFICANCE,
+    }
+
+
+def _chance(fit: Fit, model: Distortion, free: int) -> tuple[float, float]:
+    """Return the probability of what a model adds where nothing is, and the effective blocks."""
+    covariance, blocks = pose_covariance(fit, tiles_only=True)
+    if not free:
+        return 1.0, blocks
+    places, without = _ADDED[model]
+    added = fit.pose.figures()[places] - without
+    spread = figure_covariance(fit.pose, covariance)[places, places]
+    size = np.sqrt(np.maximum(np.diag(spread), 1e-30))
+    values, axes = np.linalg.eigh(spread / np.outer(size, size))
+    along = (axes.T @ (added / size))[-free:]
+    t2 = float(np.sum(along**2 / np.maximum(values[-free:], 1e-15)))
+    left = max(blocks - free, 1.0)
+    return float(special.fdtrc(free, left, t2 * left / (free * max(blocks - 1, 1.0)))), blocks
+
+
+def _rim_move(pose: Pose, model: Distortion) -> float:
     """Largest move of the target's corners and edge middles by what the model adds, µm."""
-    x, y = (np.array(pose.reach_um) * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)], float)).T
     plain = Pose(pose.shift_um, pose.matrix) if model == "bow" else Pose.rigid(pose.shift_um, pose.rotation_deg)
-    full = pose if model == "bow" else Pose(pose.shift_um, pose.matrix)
-    return float(np.max(np.hypot(*np.subtract(full.to_recording(x, y), plain.to_recording(x, y)))))
+    return _rim_distance(pose if model == "bow" else Pose(pose.shift_um, pose.matrix), plain, pose.reach_um)
+
+
+def _rim_distance(one: Pose, other: Pose, reach_um: tuple[float, float] | None = None) -> float:
+    """Largest distance between two poses of the target's corners and edge middles, µm."""
+    reach = np.array(reach_um or one.reach_um)
+    x, y = (reach * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)], float)).T
+    return float(np.max(np.hypot(*np.subtract(one.to_recording(x, y), other.to_recording(x, y)))))

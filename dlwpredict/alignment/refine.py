@@ -68,6 +68,8 @@ class Fit:
     jacobian : numpy.ndarray, shape (points, parameters)
         Derivative of the likeness by the parameters of `Pose.moved`, what the likeness can mimic taken out.
     level : Level
+    directions : numpy.ndarray, shape (parameters, free)
+        Orthonormal; those in which the pose was free, parameters in units of `parameter_scale`.
     """
 
     pose: Pose
@@ -76,6 +78,13 @@ class Fit:
     fitted: np.ndarray
     jacobian: np.ndarray = field(repr=False)
     level: Level = field(repr=False)
+    directions: np.ndarray = field(repr=False)
+
+    @property
+    def scale(self) -> np.ndarray:
+        """What the columns of `directions` are in the parameters of `Pose.moved`, shape (parameters, free)."""
+        sizes: np.ndarray = parameter_scale(len(self.directions), self.pose.reach_um)
+        return sizes[:, None] * self.directions
 
     def beside(self, change: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Return what of a change of the recording (points,) neither the likeness nor a shift takes up."""
@@ -94,8 +103,10 @@ class Fit:
         return float(np.sqrt(max(1 - share, 0.0)))
 
 
-def refine(level: Level, pose: Pose, distortion: Distortion, *, turns: int = 12) -> Fit:
-    """Improve a pose by iterated weighted least squares on one level.
+def refine(
+    level: Level, pose: Pose, distortion: Distortion, directions: np.ndarray | None = None, *, turns: int = 12
+) -> Fit:
+    """Improve a pose by iterated weighted least squares on one level, in all directions of a distortion or in some.
 
     recording(q(p)) = Σ c_k φ_k(p), with the pose in q and the φ of `likeness_columns`. The step δ solves the joint
     linear problem [φ, −∇m·∂q/∂θ]·(c, δ) = recording, m = φ·c. The gradient is that of the fitted likeness, not of
@@ -104,16 +115,16 @@ def refine(level: Level, pose: Pose, distortion: Distortion, *, turns: int = 12)
     """
     floor = 0.0
     for _ in range(turns):
-        fit = _linear(level, pose, distortion, floor)
-        step, size = _step(fit, distortion)
+        fit = _linear(level, pose, distortion, directions, floor)
+        step, size = _step(fit)
         floor = 0.3 * float(np.sqrt(np.average(fit.residual**2, weights=fit.weights + 1e-12)))
         pose = pose.moved(step)
         if size < 2e-3:
             break
-    return _linear(level, pose, distortion, floor)
+    return _linear(level, pose, distortion, directions, floor)
 
 
-def _linear(level: Level, pose: Pose, distortion: Distortion, floor: float) -> Fit:
+def _linear(level: Level, pose: Pose, distortion: Distortion, directions: np.ndarray | None, floor: float) -> Fit:
     """Fit the likeness at a fixed pose and form the derivatives there."""
     heights, support = level.read(pose)
     weights, columns = support, level.columns
@@ -122,9 +133,10 @@ def _linear(level: Level, pose: Pose, distortion: Distortion, floor: float) -> F
         residual = heights - fitted
         sigma = max(mad_sigma(residual[support > 0]), floor, 1e-9)
         weights = support / np.maximum(1, np.abs(residual) / (HUBER * sigma))
-    jacobian = _jacobian(level, pose, fitted, distortion)
+    jacobian = changed(level, pose, fitted, distortion)
     mimic = columns @ _solved(columns, weights, jacobian)
-    return Fit(pose, residual, weights, fitted, jacobian - mimic, level)
+    free = np.eye(jacobian.shape[1]) if directions is None else directions
+    return Fit(pose, residual, weights, fitted, jacobian - mimic, level, free)
 
 
 def _solved(columns: np.ndarray, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -142,17 +154,17 @@ def slopes(level: Level, pose: Pose, fitted: np.ndarray) -> np.ndarray:
     return np.linalg.inv(np.array(pose.matrix)).T @ np.stack([right.ravel(), -down.ravel()])
 
 
-def _jacobian(level: Level, pose: Pose, fitted: np.ndarray, distortion: Distortion) -> np.ndarray:
-    """Derivative of the recorded heights by the pose, shape (points, parameters)."""
+def changed(level: Level, pose: Pose, fitted: np.ndarray, distortion: Distortion) -> np.ndarray:
+    """Return the derivatives of a likeness by the parameters of `Pose.moved`, shape (points, parameters)."""
     x, y = level.grid
     moves = pose.jacobian(x.ravel(), y.ravel(), distortion)
     return np.einsum("dp,kdp->pk", slopes(level, pose, fitted), moves)
 
 
-def _step(fit: Fit, distortion: Distortion) -> tuple[np.ndarray, float]:
+def _step(fit: Fit) -> tuple[np.ndarray, float]:
     """Gauss-Newton step and how far it moves the target's points at most, in pixels of the level."""
-    scale = parameter_scale(distortion, fit.pose.reach_um) * fit.level.pitch_um
-    jacobian = fit.jacobian * scale
+    scale = fit.scale * fit.level.pitch_um
+    jacobian = fit.jacobian @ scale
     normal = jacobian.T @ (jacobian * fit.weights[:, None])
     values, vectors = np.linalg.eigh(normal)
     known = values > 1e-7 * values[-1]
@@ -160,15 +172,10 @@ def _step(fit: Fit, distortion: Distortion) -> tuple[np.ndarray, float]:
     # residual = recording − m and ∂recording/∂θ = J: the step that takes the residual away is −J⁺·residual
     step = -vectors @ np.where(known, along / np.where(known, values, 1.0), 0.0)
     size = float(np.abs(step).max())
-    return step * scale / max(size, 1.0), size
+    return scale @ step / max(size, 1.0), size
 
 
-def parameter_scale(distortion: Distortion, reach_um: tuple[float, float]) -> np.ndarray:
-    """Size of each parameter that moves the target's rim by 1 µm."""
-    far = max(reach_um)
-    return {
-        "shift": np.ones(2),
-        "rigid": np.array([1, 1, 1 / far]),
-        "affine": np.array([1, 1, *[1 / far] * 4]),
-        "bow": np.array([1, 1, *[1 / far] * 4, *[1] * 6]),
-    }[distortion]
+def parameter_scale(count: int, reach_um: tuple[float, float]) -> np.ndarray:
+    """Return the size of each of so many parameters of `Pose.moved` that moves the target's rim by 1 µm."""
+    turn = 1 / max(reach_um)
+    return np.array([1, 1, *[turn] * 4, *[1] * 6])[:count] if count > 3 else np.array([1, 1, turn])[:count]

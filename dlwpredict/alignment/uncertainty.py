@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlwpredict.alignment.pose import Distortion, Pose
-from dlwpredict.alignment.refine import Fit, parameter_scale
+from dlwpredict.alignment.pose import Pose
+from dlwpredict.alignment.refine import Fit
 
 BLOCKS = 8  # per side
 
@@ -68,13 +68,12 @@ def widest_covariance(
     return covariance * np.outer(wider, wider), count
 
 
-def pose_covariance(fit: Fit, distortion: Distortion, *, tiles_only: bool = False) -> tuple[np.ndarray, float]:
+def pose_covariance(fit: Fit, *, tiles_only: bool = False) -> tuple[np.ndarray, float]:
     """Covariance of the parameters of `Pose.moved`; no direction is worse than the target's own size.
 
     Parameters
     ----------
     fit : Fit
-    distortion : Distortion
     tiles_only : bool
         Blocks as tiles only: for a joint test of several figures, which widening each by its own factor would blunt.
 
@@ -84,15 +83,14 @@ def pose_covariance(fit: Fit, distortion: Distortion, *, tiles_only: bool = Fals
     blocks : float
     """
     reach = float(np.max(fit.pose.reach_um))
-    scale = parameter_scale(distortion, fit.pose.reach_um)
-    jacobian = fit.jacobian * scale
+    jacobian = fit.jacobian @ fit.scale
     blocks = layouts(fit.level.grid[0].shape)[: 1 if tiles_only else None]
     covariance, count = widest_covariance(jacobian, fit.weights, fit.residual, blocks)
     values, vectors = np.linalg.eigh(covariance)
     normal = jacobian.T @ (jacobian * fit.weights[:, None])
     blind = np.einsum("ik,ij,jk->k", vectors, normal, vectors) < 1e-7 * np.linalg.eigvalsh(normal)[-1]
     values = np.where(blind, reach**2, np.clip(values, 0, reach**2))
-    return (vectors * values) @ vectors.T * np.outer(scale, scale), count
+    return fit.scale @ (vectors * values) @ vectors.T @ fit.scale.T, count
 
 
 def figure_covariance(pose: Pose, covariance: np.ndarray) -> np.ndarray:

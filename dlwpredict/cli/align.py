@@ -97,8 +97,8 @@ def run(
                 leaves = "more than a certified pitch leaves open; it is taken out here"
                 warn(f"{recording}: {said} than the target along {axis}, {leaves}")
     for name, test in alignment.distortion_test.items():
-        if alignment.distortion == "rigid" and test["untold"]:
-            said = f"{test['rim_px']:.2g} pixels at the rim may be the print's own form as well, and stay in it"
+        if test["untold"]:
+            said = f"{test['untold_px']:.2g} pixels at the rim may be the print's own form as well, and stay in it"
             warn(f"{recording}: {name}: {said}; --distortion {name} takes them out")
     if alignment.symmetry.endswith("fold"):
         warn(f"{target}: {alignment.symmetry} symmetry: of the equal rotations the smallest was taken")

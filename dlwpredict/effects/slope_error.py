@@ -47,7 +47,9 @@ class SlopeError(MapEffect):
     stage = "recording"
     source = "aperture limit asin(NA); Opt. Express 20(18), 19936; |slope|: sixteen AFM fields; form is ours"
     confused_with = ("galvo-lag", "instrument-blur", "line-length-error")
-    separated_by = "the sample turned by 90° under the microscope (its even part); marks beside the print (its odd part)"
+    separated_by = (
+        "the sample turned by 90° under the microscope (its even part), marks beside the print (its odd part)"
+    )
 
     bias_um: float = declare(0.0, "µm", -0.5, 0.5, "bias at slope 1, whatever its direction", typical=0.05)
     signed_x_um: float = declare(0.0, "µm", -0.5, 0.5, "bias at slope 1 along +x", typical=0.05)

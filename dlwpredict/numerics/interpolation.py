@@ -44,8 +44,8 @@ def read_locally(plane: np.ndarray, place: np.ndarray, pixels: int = 4) -> np.nd
 def moved_along(maps: np.ndarray, by_px: float, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Move maps along an axis by any number of pixels, and differentiate what was moved by that number, exactly.
 
-    By the six-pixel cubics of `read_locally`, one reading for all pixels: f(i − by) and −f′(i − by). Both are continuous
-    in `by`.
+    By the six-pixel cubics of `read_locally`, one reading for all pixels: f(i − by) and −f′(i − by), both continuous in
+    `by`.
 
     Parameters
     ----------
