@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import dlwpredict as dlw
-from dlwpredict import api
 from dlwpredict.cli.commands import NAMES as COMMANDS
 
 VERBS = {"align", "calibrate", "design", "diagnose", "precompensate", "predict", "score"}
@@ -73,7 +72,7 @@ def test_a_diagnosis_says_itself(target, recording):
 
 def test_an_open_side_is_not_corrected(target):
     paper, effects = dlw.ParameterSet().paper, dlw.effects.library()
-    open_side = api.ParameterSet(
+    open_side = dlw.ParameterSet(
         effects=(effects["vignetting"](strength=0.1),),
         undecided=_undecided(paper, effects["vignetting"](strength=0.1)),
     )

@@ -27,8 +27,8 @@ LAYERS = [
     {"batch", "pairing"},
     {"tiling"},
     {"plots"},
-    {"pages"},
     {"api"},
+    {"pages"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
@@ -48,7 +48,7 @@ DIAGNOSE = [
 
 EXCEPTIONS = {
     ("cli.app", ""): "shows the program's version",
-    ("cli.anytime", ""): "what another version began is not gone on with",
+    ("files.resume", ""): "what another version began is not gone on with",
     ("files.provenance", ""): "records the program's version",
     ("batch.records", ""): "a result of another version is made again",
     ("tiling.large", ""): "tiles of another version are made again",

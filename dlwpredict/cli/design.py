@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_args
 
 import typer
 
+from dlwpredict.api.maps import design
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn, with_verbosity
 from dlwpredict.cli.plotting import Plot, check_plot
@@ -38,7 +39,7 @@ def command(kind: str) -> Callable[..., None]:
         options.check_outputs(output, plot, overwrite=overwrite)
         check_plot(plot)
         with blaming(f"design {kind}"), _options_named(settings):
-            target = make(**settings)
+            target = design(kind, **settings)
         write_height_map(output, target)
         if plot is not None:
             from dlwpredict import plots

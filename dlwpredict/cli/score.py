@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -16,10 +16,10 @@ from dlwpredict.cli.console import say, warn
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
-from dlwpredict.heightmap import HeightMap, require_same_grid
+from dlwpredict.heightmap import require_same_grid
 from dlwpredict.metrology.score import MATERIAL_RATIO_RANGE, Score, score
 from dlwpredict.metrology.transfer import HALF, Transfer, transfer
-from dlwpredict.metrology.walls import WALL_PX, near_walls_or_rim
+from dlwpredict.metrology.walls import WALL_PX
 
 COMMAND = "score"
 STREAMS = {"json_file": ".json"}
@@ -78,7 +78,10 @@ def run(
         compared = partial(
             score, material_ratio_range=material_ratio, part_only=part_only, include_filled=include_filled
         )
-        result, away = compared(*maps), away_from_walls(*maps, wall_px, compared)
+        result, away = compared(*maps), None
+        if wall_px:
+            with suppress(ResultError):  # where no point lies away from walls
+                away = compared(*maps, wall_px=wall_px)
     figures: dict[str, Any] = asdict(result)
     if wall_px:
         figures["away_from_walls"] = {"wall_px": wall_px} | {key: asdict(away)[key] if away else None for key in AWAY}
@@ -105,18 +108,6 @@ def run(
         say("\n" + transfer_table(transfers))
     if result.height_reference == "relative":
         warn(f"{test}: heights are relative (no substrate in view); mean_difference_um and rmse_um hold a free offset")
-
-
-def away_from_walls(
-    reference: HeightMap, test: HeightMap, wall_px: int, compared: Callable[..., Score]
-) -> Score | None:
-    """Return the score of what lies so many pixels from the reference's walls and rim; None where nothing does."""
-    if not wall_px:
-        return None
-    try:
-        return compared(reference, test, left_out=near_walls_or_rim(reference, wall_px))
-    except ResultError:
-        return None
 
 
 def away_note(away: Score | None, wall_px: int) -> str:
