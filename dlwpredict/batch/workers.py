@@ -7,11 +7,12 @@ only the job it was at, and that job is given to another one.
 from __future__ import annotations
 
 import signal
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from dlwpredict.errors import InputError
-from dlwpredict.numerics.parallel import WorkerDiedError, Workers
+from dlwpredict.numerics.parallel import Workers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -66,10 +67,20 @@ def _outcome(function: Callable[[Job], Result], job: Job) -> Result | Exception:
 def _in_processes(
     function: Callable[[Job], Result], jobs: Sequence[Job], count: int
 ) -> Iterator[tuple[Job, Result | Exception]]:
-    """Let a worker finish its job on Ctrl-C: only this process stops handing out more."""
+    """Give the job of a worker that died to another one; on Ctrl-C workers finish their jobs, and get no more."""
+    from concurrent.futures.process import BrokenProcessPool  # not above: other commands start sooner without it
+
+    todo, died = deque(range(len(jobs))), Counter[int]()
     with Workers(count, function.__module__, signal.SIG_IGN) as workers:
-        for k, outcome in workers.outcomes(function, [(job,) for job in jobs], deaths=DEATHS):
-            yield jobs[k], InputError(DIED) if isinstance(outcome, WorkerDiedError) else outcome
+        for k, future in workers.ended(function, [(job,) for job in jobs], todo):
+            error = future.exception()
+            if not isinstance(error, BrokenProcessPool):
+                yield jobs[k], error if isinstance(error, Exception) else future.result()
+            elif died[k] + 1 < DEATHS:
+                died[k] += 1
+                todo.appendleft(k)
+            else:
+                yield jobs[k], InputError(DIED)
 
 
 def _on_cluster(

@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -75,10 +75,6 @@ def _done(function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) -> l
     return [function(*job) for job in jobs]
 
 
-class WorkerDiedError(Exception):
-    """The system has ended a worker, as it does when memory runs short."""
-
-
 @dataclass(eq=False)
 class Workers:
     """Processes that share jobs of tenths of a second and more; they start on entering, and end on leaving.
@@ -128,53 +124,50 @@ class Workers:
     def each(self, function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) -> list[Result]:
         """Return the function's results in the order of the jobs; a job is what it is called with.
 
-        Until the workers are ready this process does the jobs itself. Where one has died, the others go too and this
-        process does the jobs.
+        Until the workers are ready this process does the jobs itself. Where the system has ended a worker, as it does
+        when memory runs short, the others go too and this process does the jobs.
         """
         if self._pools and len(jobs) > 1 and all(future.done() for future in self._loading):
+            from concurrent.futures.process import BrokenProcessPool
+
             size = -(-len(jobs) // (SHARES * self.processes))
             portions = [(function, jobs[first : first + size]) for first in range(0, len(jobs), size)]
-            done: dict[int, list[Result]] = {}
-            for k, outcome in self.outcomes(_done, portions, deaths=1):
-                if isinstance(outcome, WorkerDiedError):
-                    break
-                if isinstance(outcome, Exception):
-                    raise outcome
-                done[k] = outcome
-            else:
+            try:
+                done = {k: future.result() for k, future in self.ended(_done, portions, deque(range(len(portions))))}
                 return [result for k in range(len(portions)) for result in done[k]]
-            self.__exit__()
+            except BrokenProcessPool:
+                self.__exit__()
         return _done(function, jobs)
 
-    def outcomes(
-        self, function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]], *, deaths: int
-    ) -> Iterator[tuple[int, Result | Exception]]:
-        """Yield the number of every job with its result, or with the exception that it ended in, as they come.
+    def ended(
+        self, function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]], todo: deque[int]
+    ) -> Iterator[tuple[int, Future[Result]]]:
+        """Yield the numbers of jobs, with their futures, as they come to an end.
 
-        The function must be a module's, so that another process finds it by its name. A worker that dies is replaced,
-        and its job is given to another one, until so many workers have died of it.
+        The function must be a module's, so that another process finds it by its name. A job is `BrokenProcessPool` if
+        its worker died of it; then the worker is replaced, and the job is done again if its number is put back.
+
+        Parameters
+        ----------
+        function : callable
+        jobs : sequence of tuple
+            What it is called with.
+        todo : deque of int
+            Numbers of the jobs to be done, in order.
         """
         from concurrent.futures.process import BrokenProcessPool
 
-        todo, tried, idle = deque(range(len(jobs))), Counter[int](), list(self._pools)
-        running: dict[Future[Result], tuple[ProcessPoolExecutor, int]] = {}
+        idle, running = list(self._pools), dict[Future[Result], tuple[Any, int]]()
         while todo or running:
             while todo and idle:
                 pool, k = idle.pop(), todo.popleft()
                 running[_sent(pool, function, jobs[k])] = pool, k
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 pool, k = running.pop(future)
-                error = future.exception()
-                if isinstance(error, BrokenProcessPool):
-                    tried[k] += 1
-                    if tried[k] < deaths:
-                        todo.appendleft(k)
-                    else:
-                        yield k, WorkerDiedError()
+                yield k, future
+                if isinstance(future.exception(), BrokenProcessPool):
                     self._pools.remove(pool)
                     pool = self._start()
-                else:
-                    yield k, error if isinstance(error, Exception) else future.result()
                 idle.append(pool)
 
 
