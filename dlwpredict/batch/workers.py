@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
 
 from dlwpredict.errors import InputError
@@ -68,13 +69,11 @@ def _in_processes(
     function: Callable[[Job], Result], jobs: Sequence[Job], count: int
 ) -> Iterator[tuple[Job, Result | Exception]]:
     """Give the job of a worker that died to another one; on Ctrl-C workers finish their jobs, and get no more."""
-    from concurrent.futures.process import BrokenProcessPool  # not above: other commands start sooner without it
-
     todo, died = deque(range(len(jobs))), Counter[int]()
     with Workers(count, function.__module__, signal.SIG_IGN) as workers:
         for k, future in workers.ended(function, [(job,) for job in jobs], todo):
             error = future.exception()
-            if not isinstance(error, BrokenProcessPool):
+            if not isinstance(error, BrokenExecutor):
                 yield jobs[k], error if isinstance(error, Exception) else future.result()
             elif died[k] + 1 < DEATHS:
                 died[k] += 1

@@ -8,7 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from importlib import import_module
 from multiprocessing import active_children, get_context, parent_process
@@ -128,14 +128,12 @@ class Workers:
         when memory runs short, the others go too and this process does the jobs.
         """
         if self._pools and len(jobs) > 1 and all(future.done() for future in self._loading):
-            from concurrent.futures.process import BrokenProcessPool
-
             size = -(-len(jobs) // (SHARES * self.processes))
             portions = [(function, jobs[first : first + size]) for first in range(0, len(jobs), size)]
             try:
                 done = {k: future.result() for k, future in self.ended(_done, portions, deque(range(len(portions))))}
                 return [result for k in range(len(portions)) for result in done[k]]
-            except BrokenProcessPool:
+            except BrokenExecutor:
                 self.__exit__()
         return _done(function, jobs)
 
@@ -144,8 +142,8 @@ class Workers:
     ) -> Iterator[tuple[int, Future[Result]]]:
         """Yield the numbers of jobs, with their futures, as they come to an end.
 
-        The function must be a module's, so that another process finds it by its name. A job is `BrokenProcessPool` if
-        its worker died of it; then the worker is replaced, and the job is done again if its number is put back.
+        The function must be a module's, so that another process finds it by its name. Where a worker died of a job, the
+        future holds a `BrokenExecutor`; the worker is replaced, and a number that was put back is done again.
 
         Parameters
         ----------
@@ -155,8 +153,6 @@ class Workers:
         todo : deque of int
             Numbers of the jobs to be done, in order.
         """
-        from concurrent.futures.process import BrokenProcessPool
-
         idle, running = list(self._pools), dict[Future[Result], tuple[Any, int]]()
         while todo or running:
             while todo and idle:
@@ -165,7 +161,7 @@ class Workers:
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 pool, k = running.pop(future)
                 yield k, future
-                if isinstance(future.exception(), BrokenProcessPool):
+                if isinstance(future.exception(), BrokenExecutor):
                     self._pools.remove(pool)
                     pool = self._start()
                 idle.append(pool)
@@ -173,11 +169,9 @@ class Workers:
 
 def _sent(pool: ProcessPoolExecutor, function: Callable[..., Result], job: tuple[Any, ...]) -> Future[Result]:
     """Give a worker a job; one that has died meanwhile fails at it."""
-    from concurrent.futures.process import BrokenProcessPool
-
     try:
         return pool.submit(function, *job)
-    except BrokenProcessPool as error:
+    except BrokenExecutor as error:
         failed: Future[Result] = Future()
         failed.set_exception(error)
         return failed
