@@ -116,6 +116,18 @@ def test_what_is_inferred_knows_nothing_of_who_asks():
     )
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "cli").glob("*.py")), ids=lambda path: path.stem)
+def test_commands_do_not_compute(path):
+    """They read, call, write and say; but for `streams`, which writes numpy's numbers as JSON."""
+    names = {
+        name.split(".")[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in ([node.module] if isinstance(node, ast.ImportFrom) else [alias.name for alias in node.names])
+    }
+    assert not {"numpy", "scipy"} & names or path.stem == "streams"
+
+
 MOST_ARGUMENTS = 8
 
 

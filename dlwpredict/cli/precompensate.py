@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from enum import StrEnum
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from dlwpredict.api.precompensate import precompensate
@@ -108,7 +108,7 @@ def run(
     with blaming(target):
         check_target(part)
     slicing = process.writing.slicing_um if slicing_um is None else slicing_um
-    shape = Printable(smooth_um, np.inf if max_slope is None else max_slope, smallest_feature_um)
+    shape = Printable(smooth_um, inf if max_slope is None else max_slope, smallest_feature_um)
     limits = Limits.about(part, maximum_um, slicing_um=slicing, printable=shape)
     corrected = partial(
         precompensate,
