@@ -96,9 +96,11 @@ class Pair:
         return target.with_heights(np.kron(values, side)[:rows, :cols])
 
 
-def ready(
-    pairs: Iterable[Pair | tuple[HeightMap, HeightMap | Alignment]], start: ParameterSet, **settings: Any
-) -> list[Pair]:
+Pairs = Iterable[Pair | tuple[HeightMap, HeightMap | Alignment]]
+"""Targets and recordings: checked, or two maps each, the recording on the target's grid."""
+
+
+def ready(pairs: Pairs, start: ParameterSet, **settings: Any) -> list[Pair]:
     """Check pairs of maps, with settings of `Pair.of`; what is checked already stays as it is."""
     checked = []
     for number, pair in enumerate(pairs, 1):

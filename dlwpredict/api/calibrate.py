@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from dlwpredict import calibration
-from dlwpredict.alignment import Alignment
 from dlwpredict.calibration import Calibration
-from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.metrology.walls import WALL_PX
-from dlwpredict.pairing import Pair, ready
+from dlwpredict.pairing import Pairs, ready
 from dlwpredict.parameters import ParameterSet
 
 
 def calibrate(
-    pairs: Sequence[Pair | tuple[HeightMap, HeightMap | Alignment]],
+    pairs: Pairs,
     start: ParameterSet | None = None,
     *,
     fix: Sequence[str] = (),

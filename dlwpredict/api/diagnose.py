@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from dlwpredict.alignment import Alignment
 from dlwpredict.calibration.words import cautions_of
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer.advise import advise
@@ -27,7 +26,7 @@ from dlwpredict.infer.model import freed
 from dlwpredict.infer.trace import trace
 from dlwpredict.model.levels import Levels
 from dlwpredict.numerics.parallel import Workers
-from dlwpredict.pairing import Pair, ready
+from dlwpredict.pairing import Pair, Pairs, ready
 from dlwpredict.parameters import ParameterSet
 
 COLD_S = 1.0
@@ -124,10 +123,10 @@ class Answer:
 
 
 def diagnose(
-    pairs: Iterable[Pair | tuple[HeightMap, HeightMap | Alignment]],
+    pairs: Pairs,
     start: ParameterSet | None = None,
     *,
-    holdout: Iterable[Pair | tuple[HeightMap, HeightMap | Alignment]] = (),
+    holdout: Pairs = (),
     advice: bool = False,
     seed: int = 0,
     processes: int = 1,

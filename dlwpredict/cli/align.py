@@ -15,7 +15,7 @@ from dlwpredict.alignment.choose import ODDS, odds
 from dlwpredict.api.align import align
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import FastAxis, InstrumentKind, Output, Overwrite, check_outputs, recorded_by
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
@@ -79,11 +79,8 @@ def run(
     write_height_map(output, alignment.aligned)
     if report is not None:
         write_text(report, yaml.safe_dump(alignment.as_dict(), sort_keys=False))
-    if plot is not None:
-        from dlwpredict import plots
-
-        names = "target", "aligned recording"
-        plots.save(plot, plots.comparison(maps[1], alignment.aligned, names=names, caption=_line(alignment)))
+    names = "target", "aligned recording"
+    draw(plot, lambda plots: plots.comparison(maps[1], alignment.aligned, names=names, caption=_line(alignment)))
     strain = max(abs(scale - 1) for scale in alignment.pose.scale)
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")

@@ -19,7 +19,7 @@ from dlwpredict.calibration.words import cautions_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.pairs import read_pair
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.files.atomic import write_text
@@ -131,12 +131,9 @@ def run(
     figures = report_of(calibration)
     if report:
         write_text(report, json.dumps(figures, ensure_ascii=False) if report.suffix == ".json" else yaml_text(figures))
-    if plot is not None:
-        from dlwpredict import plots
-
-        errors = f"rmse {calibration.start.rmse_um():.4f} → {calibration.end.rmse_um():.4f} µm"
-        rows = [(one.name, one.target, *calibration.maps(k)) for k, one in enumerate(calibration.recordings)]
-        plots.save(plot, plots.calibration(rows, caption=errors))
+    errors = f"rmse {calibration.start.rmse_um():.4f} → {calibration.end.rmse_um():.4f} µm"
+    rows = [(one.name, one.target, *calibration.maps(k)) for k, one in enumerate(calibration.recordings)]
+    draw(plot, lambda plots: plots.calibration(rows, caption=errors))
     _say(output, calibration)
     tell(figures)
 

@@ -9,7 +9,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
@@ -64,10 +64,7 @@ def run(
             solid, error_um = merged(solid, part, max_faces, max_error_um, base_um, min_thickness_um)
     with blaming(output), replacing(output) as temporary:
         write_solid(temporary, solid)
-    if plot is not None:
-        from dlwpredict import plots
-
-        plots.save(plot, plots.overview(part, name=output.stem, caption=part.summary()))
+    draw(plot, lambda plots: plots.overview(part, name=output.stem, caption=part.summary()))
     for remark in solid.remarks:
         warn(f"{height_map}: {remark}")
     (x0, y0, _), (x1, y1, top) = solid.vertices_um.min(axis=0), solid.vertices_um.max(axis=0)

@@ -13,7 +13,7 @@ import typer
 from dlwpredict.api.precompensate import precompensate
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
 from dlwpredict.correction.precompensate import HIGHEST, LAST, Limits, Precompensation, steps_um
 from dlwpredict.correction.printable import Printable
@@ -137,14 +137,9 @@ def run(
     if report:
         write_text(report, yaml_text(figures))
     write_height_map(output, correction.corrected)
-    if plot is not None:
-        from dlwpredict import plots
-
-        errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
-        shown = plots.correction(
-            part, correction.corrected, correction.predicted, correction.reachable, caption=f"rmse {errors} µm"
-        )
-        plots.save(plot, shown)
+    errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
+    shown = part, correction.corrected, correction.predicted, correction.reachable
+    draw(plot, lambda plots: plots.correction(*shown, caption=f"rmse {errors} µm"))
     tell(figures)
     _say(output, correction)
     for doubt in doubt_of_edges(part) if surround is None else ():

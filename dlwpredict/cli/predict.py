@@ -12,7 +12,7 @@ from dlwpredict.api.predict import predict
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.large import Scheduler, TilePx, predict_large
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.correction.surround import doubt_of_edges
 from dlwpredict.errors import InputError, blaming
@@ -85,9 +85,6 @@ def run(
     for doubt in doubt_of_edges(part) if surround is None else ():
         warn(f"{target}: {doubt}")
     write_height_map(output, printed)
-    if plot is not None:
-        from dlwpredict import plots
-
-        plots.save(plot, plots.comparison(part, printed, names=("target", "prediction")))
+    draw(plot, lambda plots: plots.comparison(part, printed, names=("target", "prediction")))
     say(f"{output}: {printed.summary()}")
     tell(figures_of(printed))

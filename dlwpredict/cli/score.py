@@ -13,7 +13,8 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
-from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.cli.plotting import check_plot, draw
+from dlwpredict.errors import ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.heightmap import require_same_grid
@@ -67,11 +68,8 @@ def run(
     $ dlwpredict score target.tif aligned.tif --part-only --json score.json --plot score.png
     """
     options.check_outputs(json_file, plot, transfer_plot, overwrite=overwrite)
-    for option, picture in (("--plot", plot), ("--transfer-plot", transfer_plot)):
-        if picture is not None and picture.suffix.lower() not in (".png", ".pdf", ".svg"):
-            raise InputError(
-                f"ends in {picture.suffix or 'nothing'}", where=picture, key=option, allowed="allowed .png .pdf .svg"
-            )
+    check_plot(plot)
+    check_plot(transfer_plot, "--transfer-plot")
     maps = read_height_map(reference), read_height_map(test)
     require_same_grid(*maps, names=(str(reference), str(test)))
     with blaming(test):
@@ -90,15 +88,9 @@ def run(
         with blaming(reference):
             transfers = transfer(*maps, include_filled=include_filled)
         figures["transfer"] = {axis: asdict(curve) for axis, curve in transfers.items()}
-    if transfer_plot is not None:
-        from dlwpredict import plots
-
-        plots.save(transfer_plot, plots.transfer_curves(transfers, title=f"{test.stem} against {reference.stem}"))
-    if plot is not None:
-        from dlwpredict import plots
-
-        figure = plots.comparison(*maps, names=(reference.stem, test.stem), caption=caption(result, away))
-        plots.save(plot, figure)
+    title, names = f"{test.stem} against {reference.stem}", (reference.stem, test.stem)
+    draw(transfer_plot, lambda plots: plots.transfer_curves(transfers, title=title))
+    draw(plot, lambda plots: plots.comparison(*maps, names=names, caption=caption(result, away)))
     if json_file is not None:
         write_text(json_file, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     say(table(result))

@@ -13,6 +13,7 @@ from dlwpredict.api.diagnose import Answer, diagnose, first_look, in_halves
 from dlwpredict.cli.anytime import said as about
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.pairs import Files, read_pair, with_repeats
+from dlwpredict.cli.plotting import draw
 from dlwpredict.cli.progress import progress
 from dlwpredict.cli.streams import tell as figures
 from dlwpredict.diagnosis.answer.content import FORMAT
@@ -216,8 +217,7 @@ class Session:
                 from dlwpredict.pages.answer import write_answer  # matplotlib takes a second
 
                 write_answer(outputs.report, answer, self.content)
-            if outputs.plot:
-                self._draw(outputs.plot, answer)
+            draw(outputs.plot, lambda plots: plots.diagnosis(_rows(answer), caption=self.content["sentence"]))
             if outputs.params_out:
                 stated = with_cautions(answer.cautions)
                 write_parameters(outputs.params_out, replace(answer.parameters, provenance=stated))
@@ -257,14 +257,11 @@ class Session:
         self.content = self._completed(content)
         write_text(self.outputs.output, yaml_text(self.content))
 
-    def _draw(self, path: Path, answer: Answer) -> None:
-        from dlwpredict import plots
 
-        rows = []
-        for k, pair in enumerate(answer.pairs):
-            residual, mismatch, explained, remainder = answer.working_maps(k).values()
-            rows.append((pair.names[1], pair.recording.target, residual, mismatch, explained, remainder))
-        plots.save(path, plots.diagnosis(rows, caption=self.content["sentence"]))
+def _rows(answer: Answer) -> list[tuple[Any, ...]]:
+    """Return name, target and maps of every recording, as they are drawn."""
+    maps = [tuple(answer.working_maps(k).values()) for k in range(len(answer.pairs))]
+    return [(pair.names[1], pair.recording.target, *shown) for pair, shown in zip(answer.pairs, maps, strict=True)]
 
 
 def pixels_of(pairs: Sequence[Pair]) -> str:
