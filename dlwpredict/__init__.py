@@ -11,33 +11,34 @@ from typing import Any
 
 __version__ = "0.8.1"
 
-__all__ = [
-    "HeightMap",
-    "InputError",
-    "ParameterSet",
-    "ResultError",
-    "align",
-    "calibrate",
-    "design",
-    "diagnose",
-    "effects",
-    "plot",
-    "precompensate",
-    "predict",
-    "read",
-    "read_parameters",
-    "score",
-    "write",
-    "write_parameters",
-]
+_HOMES = {
+    "HeightMap": "heightmap",
+    "InputError": "errors",
+    "ParameterSet": "parameters",
+    "ResultError": "errors",
+    "align": "api.align",
+    "calibrate": "api.calibrate",
+    "design": "api.maps",
+    "diagnose": "api.diagnose",
+    "effects": "effects",
+    "plot": "api.maps",
+    "precompensate": "api.precompensate",
+    "predict": "api.predict",
+    "read": "api.maps",
+    "read_parameters": "files.parameters_yaml",
+    "score": "metrology.score",
+    "write": "api.maps",
+    "write_parameters": "files.parameters_yaml",
+}
+
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:
-    if name == "effects":
-        return import_module("dlwpredict.effects")
-    if name not in __all__:
+    if name not in _HOMES:
         raise AttributeError(f"module 'dlwpredict' has no attribute {name!r}")
-    return getattr(import_module("dlwpredict.api"), name)
+    home = import_module(f"dlwpredict.{_HOMES[name]}")
+    return home if name == "effects" else getattr(home, name)
 
 
 def __dir__() -> list[str]:

@@ -2,23 +2,111 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
+import numpy as np
+
+from dlwpredict.alignment import Alignment
 from dlwpredict.errors import blaming
 from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.recording import Recording, prepare
+from dlwpredict.infer.pixels import working_factor
+from dlwpredict.infer.recording import Recording, coarser, prepare
+from dlwpredict.parameters import ParameterSet
 
 
-def checked(target: HeightMap, measured: HeightMap, *, name: str, target_name: str, **settings: Any) -> Recording:
-    """Return a pair ready for a fit, its units found plausible.
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A target and its recording, found plausible.
 
-    Raises
-    ------
-    InputError
-        What `prepare` and `require_sizes` refuse, the file named.
+    Parameters
+    ----------
+    names : (str, str)
+        What the user calls target and recording.
+    native : Recording
+        On the pixels that it came on.
+    factor : int
+        Of these along each side of a working pixel.
+    repeats : tuple of HeightMap
+        Further recordings of the same print, on working pixels.
     """
-    recording = prepare(target, measured, name=name, target_name=target_name, **settings)
-    with blaming(name):
-        require_sizes(target, measured)
-    return recording
+
+    names: tuple[str, str]
+    native: Recording
+    factor: int = 1
+    repeats: tuple[HeightMap, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        target: HeightMap,
+        measured: HeightMap,
+        start: ParameterSet,
+        *,
+        names: tuple[str, str] = ("target", "recording"),
+        working_pitch_um: float | None = None,
+        **settings: Any,
+    ) -> Pair:
+        """Check a pair, and choose its working pixels.
+
+        Parameters
+        ----------
+        target, measured : HeightMap
+            On one grid.
+        start : ParameterSet
+            Its focus is the one that is expected.
+        names : (str, str)
+        working_pitch_um : float, optional
+            Pitch of the working pixels, about; 0 = as they are. Default: what the focus allows.
+        **settings
+            Of `prepare`: ``wall_px``, ``free_shift``.
+
+        Raises
+        ------
+        InputError
+            What `prepare` and `require_sizes` refuse, the file named.
+        """
+        native = prepare(target, measured, name=names[1], target_name=names[0], **settings)
+        with blaming(names[1]):
+            require_sizes(target, measured)
+        return cls(names, native, working_factor(target, start, working_pitch_um))
+
+    @cached_property
+    def recording(self) -> Recording:
+        """On working pixels."""
+        return coarser(self.native, self.factor)
+
+    @property
+    def pitch_um(self) -> float:
+        """Pitch of the working pixels, the larger where it is not the same along x and y."""
+        return max(self.recording.target.dx_um, self.recording.target.dy_um)
+
+    def repeated(self, again: HeightMap, *, name: str = "repeat") -> Pair:
+        """Return the pair with one more recording of the same print, on the target's grid."""
+        repeat = prepare(self.native.target, again, name=name, target_name=self.names[0])
+        return replace(self, repeats=(*self.repeats, coarser(repeat, self.factor).measured))
+
+    def fine(self, values: np.ndarray) -> HeightMap:
+        """Return values on working pixels, shape (rows, cols), as a map on the pixels that the pair came on."""
+        target, side = self.native.target, np.ones((self.factor, self.factor))
+        rows, cols = target.shape
+        return target.with_heights(np.kron(values, side)[:rows, :cols])
+
+
+Pairs = Iterable[Pair | tuple[HeightMap, HeightMap | Alignment]]
+"""Targets and recordings: checked, or two maps each, the recording on the target's grid."""
+
+
+def ready(pairs: Pairs, start: ParameterSet, **settings: Any) -> list[Pair]:
+    """Check pairs of maps, with settings of `Pair.of`; what is checked already stays as it is."""
+    checked = []
+    for number, pair in enumerate(pairs, 1):
+        if not isinstance(pair, Pair):
+            target, measured = pair
+            heights = measured.aligned if isinstance(measured, Alignment) else measured
+            pair = Pair.of(target, heights, start, names=(f"target {number}", f"recording {number}"), **settings)
+        checked.append(pair)
+    return checked

@@ -3,13 +3,15 @@
 import pkgutil
 import subprocess
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
 
 import dlwpredict as dlw
-from dlwpredict import api
 from dlwpredict.cli.commands import NAMES as COMMANDS
+from dlwpredict.metrology.walls import near_walls_or_rim
+from dlwpredict.pairing import Pair
 
 VERBS = {"align", "calibrate", "design", "diagnose", "precompensate", "predict", "score"}
 
@@ -46,6 +48,12 @@ def test_names_of_verbs_stay_verbs():
     assert modules & set(dlw.__all__) == {"effects"}
 
 
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_a_command_calls_the_function_of_its_name(verb):
+    module = import_module(f"dlwpredict.cli.{'session' if verb == 'diagnose' else verb}")
+    assert getattr(module, verb) is getattr(dlw, verb)
+
+
 def test_files_come_back_as_they_were_written(tmp_path, target):
     assert dlw.write(tmp_path / "target.tif", target) == []
     assert np.abs(dlw.read(tmp_path / "target.tif").heights_um - target.heights_um).max() < 1e-5
@@ -69,11 +77,43 @@ def test_a_diagnosis_says_itself(target, recording):
     assert found.verdict == "none" and found.findings == []
     assert str(found).startswith("Nothing beyond noise") and "<b>Nothing beyond noise" in found._repr_html_()
     assert found.diagnosis.extended.fit.rmse_um() == pytest.approx(0.005, rel=0.1)  # the noise
+    left = found.maps(0)["remainder"]
+    assert left.same_grid(target) and np.nanstd(left.heights_um) == pytest.approx(0.005, rel=0.1)
+    assert found.cautions == [] and found.parameters.effects == ()
+
+
+def test_a_part_that_goes_on_is_not_rounded_at_the_rim_of_its_map():
+    plate = dlw.HeightMap(np.full((24, 30), 4.0), 0.5, 0.5)
+    ends, goes_on = (dlw.predict(plate, continued=continued).heights_um for continued in (False, True))
+    assert np.ptp(goes_on) < 0.01 < 0.1 < np.ptp(ends)  # the part goes on for three standard deviations
+    better = dlw.precompensate(plate, continued=True)
+    assert better.capped_points == 0 and np.ptp(better.corrected.heights_um) < 0.02
+    capped = dlw.precompensate(plate, continued=True, maximum_um=4.02)
+    assert capped.capped_points == plate.heights_um.size and capped.corrected.heights_um.max() == 4.02
+
+
+def test_a_score_leaves_out_what_is_near_walls_and_rim(target, recording):
+    near = near_walls_or_rim(target, 2)
+    assert dlw.score(target, recording, wall_px=2) == dlw.score(target, recording, left_out=near)
+    assert dlw.score(target, recording, wall_px=2).points == (~near).sum()
+
+
+def test_a_wrong_unit_is_refused_before_anything_is_aligned(target, recording):
+    with pytest.raises(dlw.InputError, match=r"recording: heights: relief .* times the target's"):
+        dlw.align(recording.with_heights(1e3 * recording.heights_um), target)
+
+
+def test_repeats_and_values_stand_on_the_pixels_that_they_belong_to(target, recording):
+    pair = Pair.of(target, recording, dlw.ParameterSet(), working_pitch_um=1.0).repeated(recording)
+    assert pair.factor == 2 and pair.pitch_um == 1.0
+    assert pair.repeats[0].shape == pair.recording.used.shape == (24, 24)
+    fine = pair.fine(np.arange(24.0 * 24).reshape(24, 24))
+    assert fine.same_grid(target) and fine.heights_um[2:4, 4:6].tolist() == [[26.0, 26.0]] * 2
 
 
 def test_an_open_side_is_not_corrected(target):
     paper, effects = dlw.ParameterSet().paper, dlw.effects.library()
-    open_side = api.ParameterSet(
+    open_side = dlw.ParameterSet(
         effects=(effects["vignetting"](strength=0.1),),
         undecided=_undecided(paper, effects["vignetting"](strength=0.1)),
     )

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from dlwpredict import designs
+from dlwpredict.api.diagnose import Answer
 from dlwpredict.cli.app import app
-from dlwpredict.cli.session import cautions
 from dlwpredict.diagnosis.answer.words import kind_of_remainder, remainder
 from dlwpredict.diagnosis.structure.columns import Columns
 from dlwpredict.diagnosis.structure.ripple import Ripple
@@ -215,14 +215,17 @@ def test_folder_of_maps_is_not_overwritten(folder, tmp_path):
 
 def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     recordings = [SimpleNamespace(measured=HeightMap(np.eye(3), 1, 1))]
-    found = SimpleNamespace(recordings=recordings)
     rest = {"significant": True, "rms_um": 0.0123}
-    (said,) = cautions(found, {"verdict": "unexplained", "remainder": rest})
+
+    def cautions(**content):
+        return Answer(content, SimpleNamespace(recordings=recordings), []).cautions
+
+    (said,) = cautions(verdict="unexplained", remainder=rest)
     assert "most of the mismatch has no name" in said
-    (said,) = cautions(found, {"verdict": "identified", "remainder": rest})
+    (said,) = cautions(verdict="identified", remainder=rest)
     assert "left 0.0123 µm beyond noise" in said
-    assert "before it was complete" in cautions(found, {"verdict": "none", "complete": False, "remainder": rest})[0]
-    assert cautions(found, {"verdict": "none", "remainder": {"significant": False, "rms_um": None}}) == []
+    assert "before it was complete" in cautions(verdict="none", complete=False, remainder=rest)[0]
+    assert cautions(verdict="none", remainder={"significant": False, "rms_um": None}) == []
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
-from dlwpredict.cli.anytime import Companion, seconds
+from dlwpredict.cli.anytime import seconds
 from dlwpredict.effects import library
 from dlwpredict.files import write_height_map
+from dlwpredict.files.resume import Companion
 from dlwpredict.files.yaml_text import read_yaml
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.pages.records import read_record

@@ -50,7 +50,7 @@ def test_jobs_are_done_here_before_workers_are_ready_and_after_they_have_gone():
 def test_where_a_worker_has_been_killed_the_jobs_are_done_here():
     with Workers(2) as those:
         wait(those._loading)
-        os.kill(next(iter(those._pool._processes)), signal.SIGKILL)
+        os.kill(next(iter(those._pools[0]._processes)), signal.SIGKILL)
         assert those.each(pow, [(k, 2) for k in range(8)]) == [k**2 for k in range(8)]
         assert those.each(pow, [(k, 3) for k in range(8)]) == [k**3 for k in range(8)]
 
@@ -79,7 +79,7 @@ from dlwpredict.numerics.parallel import Workers
 if __name__ == "__main__":
     with Workers(2) as those:
         wait(those._loading)
-        print(*those._pool._processes, flush=True)
+        print(*(pid for pool in those._pools for pid in pool._processes), flush=True)
         time.sleep(60)
 """
 

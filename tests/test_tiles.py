@@ -235,7 +235,7 @@ def dlw(*words):
 
 @pytest.mark.slow
 def test_predict_cuts_large_maps_by_itself(target, tmp_path, monkeypatch):
-    monkeypatch.setattr("dlwpredict.cli.large.WHOLE_PX", 1000)
+    monkeypatch.setattr("dlwpredict.tiling.disk.WHOLE_PX", 1000)
     write_parameters(tmp_path / "p.yaml", PROCESSES["paper"])
     words = ("predict", target, "-p", tmp_path / "p.yaml", "-o")
     by_itself = dlw(*words, tmp_path / "a.tif")

@@ -7,12 +7,13 @@ only the job it was at, and that job is given to another one.
 from __future__ import annotations
 
 import signal
-import threading
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
 
 from dlwpredict.errors import InputError
-from dlwpredict.numerics.parallel import begin_worker
+from dlwpredict.numerics.parallel import Workers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -67,40 +68,18 @@ def _outcome(function: Callable[[Job], Result], job: Job) -> Result | Exception:
 def _in_processes(
     function: Callable[[Job], Result], jobs: Sequence[Job], count: int
 ) -> Iterator[tuple[Job, Result | Exception]]:
-    """Let each of several threads attend to one process of its own, so that it is known which job a process died of."""
-    # not above: the program's other commands start sooner without them
-    from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-    from concurrent.futures.process import BrokenProcessPool
-    from multiprocessing import get_context
-
-    local = threading.local()
-    pools: list[ProcessPoolExecutor] = []
-
-    def attend(job: Job) -> Result | Exception:
-        for _ in range(DEATHS):
-            if not hasattr(local, "pool"):
-                # a worker finishes its job on Ctrl-C: only this process stops handing out more
-                local.pool = ProcessPoolExecutor(
-                    1, mp_context=get_context("spawn"), initializer=begin_worker, initargs=(signal.SIG_IGN,)
-                )
-                pools.append(local.pool)
-            try:
-                return local.pool.submit(function, job).result()
-            except BrokenProcessPool:
-                del local.pool
-            except Exception as error:
-                return error
-        return InputError(DIED)
-
-    threads = ThreadPoolExecutor(count)
-    try:
-        waiting = {threads.submit(attend, job): job for job in jobs}
-        for done in as_completed(waiting):
-            yield waiting[done], done.result()
-    finally:
-        threads.shutdown(wait=False, cancel_futures=True)
-        for pool in pools:
-            pool.shutdown(wait=False, cancel_futures=True)
+    """Give the job of a worker that died to another one; on Ctrl-C workers finish their jobs, and get no more."""
+    todo, died = deque(range(len(jobs))), Counter[int]()
+    with Workers(count, function.__module__, signal.SIG_IGN) as workers:
+        for k, future in workers.ended(function, [(job,) for job in jobs], todo):
+            error = future.exception()
+            if not isinstance(error, BrokenExecutor):
+                yield jobs[k], error if isinstance(error, Exception) else future.result()
+            elif died[k] + 1 < DEATHS:
+                died[k] += 1
+                todo.appendleft(k)
+            else:
+                yield jobs[k], InputError(DIED)
 
 
 def _on_cluster(

@@ -10,6 +10,7 @@ import numpy as np
 
 from dlwpredict.calibration.simplex import simplex
 from dlwpredict.calibration.words import identified, warnings_of
+from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer import held_out
 from dlwpredict.infer.baseline import derivatives_um, fitter_of, rewhitened, rough
 from dlwpredict.infer.fitter import Start
@@ -107,6 +108,16 @@ class Calibration:
     holdout: Holdout
     warnings: list[str]
     work: dict[str, float]
+
+    def maps(self, k: int) -> tuple[HeightMap, HeightMap, np.ndarray]:
+        """Return recording k, what is free about its height taken off, its prediction, and the residual, µm.
+
+        The residual, shape (rows, cols), is NaN where a point does not count.
+        """
+        recording, residual_um = self.recordings[k], self.end.residual_um(k)
+        predicted, measured = recording.target.with_heights(self.end.traces[k].heights_um), recording.measured
+        offset_um = np.median((measured.heights_um - predicted.heights_um - residual_um)[recording.used])
+        return measured.with_heights(measured.heights_um - offset_um), predicted, residual_um
 
     @property
     def parameters(self) -> ParameterSet:

@@ -10,16 +10,16 @@ from typing import Annotated, Literal
 import typer
 import yaml
 
-from dlwpredict.alignment import Alignment, align
+from dlwpredict.alignment import Alignment
 from dlwpredict.alignment.choose import ODDS, odds
+from dlwpredict.api.align import align
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.options import FastAxis, InstrumentKind, Output, Overwrite, check_outputs, recorded_by
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
-from dlwpredict.errors import InputError, blaming
+from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
-from dlwpredict.files.plausibility import require_sizes, require_unclipped
 
 COMMAND = "align"
 STREAMS = {"report": ".yaml"}
@@ -63,9 +63,6 @@ def run(
     check_plot(plot)
     seen = recorded_by(read_height_map(recording), instrument, fast_axis_deg)
     maps = seen, read_height_map(target)
-    with blaming(recording):
-        require_unclipped(seen)
-        require_sizes(maps[1], seen)
     try:
         alignment = align(
             *maps,
@@ -75,18 +72,15 @@ def run(
             known_part=known_part,
         )
     except InputError as error:
-        files = {"target": str(target), "recording": str(recording), "": str(recording)}
+        files = {"target": str(target), "recording": str(recording)}
         raise type(error)(
             error.what, where=files.get(error.where, error.where), key=error.key, allowed=error.allowed
         ) from None
     write_height_map(output, alignment.aligned)
     if report is not None:
         write_text(report, yaml.safe_dump(alignment.as_dict(), sort_keys=False))
-    if plot is not None:
-        from dlwpredict import plots
-
-        names = "target", "aligned recording"
-        plots.save(plot, plots.comparison(maps[1], alignment.aligned, names=names, caption=_line(alignment)))
+    names = "target", "aligned recording"
+    draw(plot, lambda plots: plots.comparison(maps[1], alignment.aligned, names=names, caption=_line(alignment)))
     strain = max(abs(scale - 1) for scale in alignment.pose.scale)
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")

@@ -1,30 +1,15 @@
-"""A command that can be ended at any time: by Ctrl-C, by SIGTERM, by a time limit; and how it is taken up again."""
+"""A command that can be ended at any time: by Ctrl-C, by SIGTERM, by a time limit."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 import re
 import signal
 import threading
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from multiprocessing import active_children
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import scipy
-
-import dlwpredict
-from dlwpredict.errors import InputError
-from dlwpredict.files.atomic import write_text
-from dlwpredict.files.provenance import sha256
-
-FORMAT = "dlwpredict-resume/1"
 INTERRUPTED = 130
 """Exit code after Ctrl-C or SIGTERM."""
 
@@ -136,82 +121,3 @@ def _alarm(limit_s: float | None, end: Ending) -> Iterator[None]:
             yield
         finally:
             timer.cancel()
-
-
-def end_workers() -> None:
-    """End the worker processes of this one: what they were doing is not wanted any more."""
-    for worker in active_children():
-        worker.terminate()
-
-
-def cpu_s() -> float:
-    """Return the processor time of this process and its workers, s; of those that run, where the system lists them."""
-    spent = time.process_time() + sum(os.times()[2:4])
-    for worker in active_children():
-        try:
-            stat = Path(f"/proc/{worker.pid}/stat").read_text(encoding="utf-8", errors="replace")
-        except OSError:
-            continue
-        spent += sum(map(int, stat.rpartition(") ")[2].split()[11:13])) / os.sysconf("SC_CLK_TCK")
-    return spent
-
-
-def fingerprint(files: Sequence[Path], options: Mapping[str, Any]) -> str:
-    """Return what a run must share with an earlier one to take up its work: inputs, options, versions."""
-    versions = dlwpredict.__version__, np.__version__, scipy.__version__
-    known = [[sha256(file) for file in files], dict(options), versions]
-    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
-
-
-@dataclass(eq=False)
-class Companion:
-    """The file beside an output that holds what an interrupted run has done.
-
-    Parameters
-    ----------
-    path : Path
-    fingerprint : str
-    stored : dict
-        Grows while the work goes on.
-    """
-
-    path: Path
-    fingerprint: str = ""
-    stored: dict[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def beside(cls, output: Path) -> Companion:
-        """Return that of an output; nothing is stored yet."""
-        return cls(output.with_suffix(".resume.json"))
-
-    def read(self) -> bool:
-        """Take up what is stored; tell whether there was anything.
-
-        Raises
-        ------
-        InputError
-            The file is damaged, or of other inputs, options or versions.
-        """
-        if not self.path.exists():
-            return False
-        allowed = "--overwrite without --resume begins afresh"
-        try:
-            content = json.loads(self.path.read_text(encoding="utf-8"))
-            mark, stored = content["fingerprint"], dict(content["stored"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            said = f"cannot be read ({type(error).__name__})"
-            raise InputError(said, where=self.path, key="--resume", allowed=allowed) from None
-        if mark != self.fingerprint:
-            said = "made from other inputs, options or versions"
-            raise InputError(said, where=self.path, key="--resume", allowed=f"the same command, or {allowed}")
-        self.stored = stored
-        return True
-
-    def write(self) -> None:
-        """Write it whole or not at all."""
-        content = {"format": FORMAT, "fingerprint": self.fingerprint, "stored": self.stored}
-        write_text(self.path, json.dumps(content) + "\n")
-
-    def remove(self) -> None:
-        """Remove it: the run has completed."""
-        self.path.unlink(missing_ok=True)

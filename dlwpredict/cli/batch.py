@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,7 @@ from dlwpredict.batch.manifest import Structure, read_manifest
 from dlwpredict.batch.workers import work
 from dlwpredict.cli import options
 from dlwpredict.cli.commands import imported
-from dlwpredict.cli.console import progress_shown, say, warn
+from dlwpredict.cli.console import counted, say, warn
 from dlwpredict.cli.large import Scheduler
 from dlwpredict.cli.streams import STANDARD, tell
 from dlwpredict.errors import InputError, ResultError, blaming
@@ -54,10 +53,10 @@ def run(
     chains = chains_of(manifest, folder, overwrite=overwrite)
     done: dict[str, list[Step]] = {}
     try:
-        with _progress(len(chains)) as show:
+        with counted("batch", "structures", len(chains)) as show:
             for chain, result in work(perform, chains, processes=jobs or cores(), scheduler=scheduler):
                 done[chain.name] = _died(chain, result) if isinstance(result, Exception) else result
-                show(len(done))
+                show(len(done), len(chains))
     except KeyboardInterrupt:
         raise ResultError(
             f"interrupted after {len(done)} of {len(chains)} structures",
@@ -214,18 +213,3 @@ def _tell(chains: list[Chain], done: dict[str, list[Step]]) -> None:
     }
     tell({"structures": states, **{key.replace(" ", "_"): count for key, count in counts.items()}})
     say(f"{len(chains)} structures: {', '.join(f'{count} {key}' for key, count in counts.items())}")
-
-
-@contextlib.contextmanager
-def _progress(count: int) -> Iterator[Callable[[int], None]]:
-    """Show how many structures are through, on a terminal only."""
-    if not progress_shown():
-        yield lambda done: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = TextColumn("batch"), BarColumn(), MofNCompleteColumn(), TextColumn("structures"), TimeElapsedColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=count)
-        yield lambda done: bar.update(task, completed=done)

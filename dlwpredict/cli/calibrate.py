@@ -10,29 +10,27 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from dlwpredict.calibration import Calibration, calibrate
+from dlwpredict.api.calibrate import calibrate
+from dlwpredict.calibration import Calibration
 from dlwpredict.calibration.report import report_of
 from dlwpredict.calibration.words import cautions_of
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, progress_shown, say, warn
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.pairs import read_pair
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, ResultError, blaming
-from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import with_cautions
 from dlwpredict.files.yaml_text import yaml_text
-from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.objective import Fit, Work
-from dlwpredict.infer.pixels import working_factor
-from dlwpredict.infer.recording import Recording, coarser
 from dlwpredict.metrology.walls import WALL_PX
-from dlwpredict.pairing import checked
+from dlwpredict.pairing import Pair
+from dlwpredict.parameters import ParameterSet
 
 COMMAND = "calibrate"
 CLASS = options.PairCommand
@@ -103,15 +101,14 @@ def run(
         )
     pairs = options.pairs_of(pair)
     start = read_parameters(parameters)
+    chosen: dict[str, Any] = {"fix": fix or (), "free": free or ()}
     with blaming(parameters or "calibrate"):
-        moving = choose(start, fix=fix or (), free=free or ())
+        choose(start, **chosen)
     if working_pitch_um is not None and not working_pitch_um > 0:
         raise InputError(f"found {working_pitch_um:g}", key="--working-pitch-um", allowed="allowed: above 0")
-    recordings = [_prepared(*files, wall_px=wall_px, free_shift=free_shift) for files in pairs]
-    if method is Method.fast:
-        recordings = [
-            coarser(recording, working_factor(recording.target, start, working_pitch_um)) for recording in recordings
-        ]
+    pixels_um = working_pitch_um if method is Method.fast else 0.0
+    reading = {"wall_px": wall_px, "free_shift": free_shift, "working_pitch_um": pixels_um}
+    recorded = [_read(files, start, **reading) for files in pairs]
     with _progress() as show, _rescued(output) as watch:
 
         def seen(fit: Fit) -> None:
@@ -119,8 +116,9 @@ def run(
             show(fit)
 
         calibration = calibrate(
-            recordings,
-            moving,
+            recorded,
+            start,
+            **chosen,
             method=method.value,
             robust=loss is LossKind.robust,
             priors=priors,
@@ -128,38 +126,22 @@ def run(
             seed=seed,
             work=Work(seen=seen),
         )
-    stated = with_cautions(cautions_of(recordings))  # that of the start is not its own
+    stated = with_cautions(cautions_of([pair.native for pair in recorded]))  # that of the start is not its own
     write_parameters(output, replace(calibration.parameters, provenance=stated))
     figures = report_of(calibration)
     if report:
         write_text(report, json.dumps(figures, ensure_ascii=False) if report.suffix == ".json" else yaml_text(figures))
-    if plot is not None:
-        from dlwpredict import plots
-
-        errors = f"rmse {calibration.start.rmse_um():.4f} → {calibration.end.rmse_um():.4f} µm"
-        plots.save(plot, plots.calibration(_rows(calibration), caption=errors))
+    errors = f"rmse {calibration.start.rmse_um():.4f} → {calibration.end.rmse_um():.4f} µm"
+    rows = [(one.name, one.target, *calibration.maps(k)) for k, one in enumerate(calibration.recordings)]
+    draw(plot, lambda plots: plots.calibration(rows, caption=errors))
     _say(output, calibration)
     tell(figures)
 
 
-def _rows(calibration: Calibration) -> list[tuple[str, HeightMap, HeightMap, HeightMap, np.ndarray]]:
-    """Return name, target, recording, prediction and residual of every recording, on its grid.
-
-    What is free about a recording's height is taken off it; the residual is NaN where a point does not count.
-    """
-    rows, end = [], calibration.end
-    for k, recording in enumerate(calibration.recordings):
-        predicted, left = end.traces[k].heights_um, end.residual_um(k)
-        offset = np.median((recording.measured.heights_um - predicted - left)[recording.used])
-        measured = recording.measured.with_heights(recording.measured.heights_um - offset)
-        rows.append((recording.name, recording.target, measured, recording.target.with_heights(predicted), left))
-    return rows
-
-
-def _prepared(target: Path, recording: Path, **knobs: Any) -> Recording:
-    part, measured = read_height_map(target), read_height_map(recording)
-    pair = checked(part, measured, name=str(recording), target_name=str(target), **knobs)
-    detail(f"{recording}: {pair.points} of {measured.heights_um.size} points count ({measured.height_reference})")
+def _read(files: tuple[Path, Path], start: ParameterSet, **settings: Any) -> Pair:
+    pair = read_pair(files, start, **settings)
+    measured = pair.native.measured
+    detail(f"{files[1]}: {pair.native.points} of {measured.heights_um.size} points count ({measured.height_reference})")
     return pair
 
 

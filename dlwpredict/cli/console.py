@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,6 +51,21 @@ def fault(error: Exception) -> str:
 def progress_shown() -> bool:
     """Tell whether progress bars make sense: stderr is a terminal and the user did not ask for quiet."""
     return _level >= _NORMAL and sys.stderr.isatty()
+
+
+@contextmanager
+def counted(title: str, noun: str, count: int | None = None) -> Iterator[Callable[[int, int], None]]:
+    """Yield what shows how many of all are done, on a terminal only."""
+    if not progress_shown():
+        yield lambda done, count: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn(title), BarColumn(), MofNCompleteColumn(), TextColumn(noun), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=count)
+        yield lambda done, count: bar.update(task, completed=done, total=count)
 
 
 def _pairs(arguments: dict[str, Any]) -> list[tuple[Path, Path]]:

@@ -9,7 +9,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import figures_of, tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
@@ -98,10 +98,8 @@ def run(
     grey = levels(height_map, knobs.get("z_range_um")) if target.suffix.lower() == ".png" else None
     say(f"{target}: {writer.name} written{grey_words(grey)}")
     tell(figures_of(height_map) | ({"grey_levels": grey} if grey else {}))
-    if plot is not None:
-        from dlwpredict import plots
-
-        plots.save(plot, plots.overview(height_map, name=target.stem, caption=height_map.summary()))
+    name, caption = target.stem, height_map.summary()
+    draw(plot, lambda plots: plots.overview(height_map, name=name, caption=caption))
     for remark in remarks:
         warn(f"{target}: {remark}")
 

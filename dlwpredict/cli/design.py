@@ -11,9 +11,10 @@ from typing import Annotated, Any, get_args
 
 import typer
 
+from dlwpredict.api.maps import design
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn, with_verbosity
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.signatures import taking
 from dlwpredict.cli.streams import figures_of, tell, with_streams
 from dlwpredict.designs import KINDS, options_of
@@ -38,12 +39,9 @@ def command(kind: str) -> Callable[..., None]:
         options.check_outputs(output, plot, overwrite=overwrite)
         check_plot(plot)
         with blaming(f"design {kind}"), _options_named(settings):
-            target = make(**settings)
+            target = design(kind, **settings)
         write_height_map(output, target)
-        if plot is not None:
-            from dlwpredict import plots
-
-            plots.save(plot, plots.overview(target, name=kind, caption=target.summary()))
+        draw(plot, lambda plots: plots.overview(target, name=kind, caption=target.summary()))
         asked = settings["size_um"] + 2 * settings["margin_um"]
         if max(abs(side - asked) for side in target.size_um) > 1e-6 * asked:
             width, depth = target.size_um

@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from dlwpredict.cli import options
-from dlwpredict.cli.anytime import INTERRUPTED, LIMIT, TIME, end_workers, ending
+from dlwpredict.cli.anytime import INTERRUPTED, LIMIT, TIME, ending
 from dlwpredict.cli.console import warn
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.session import Inputs, Outputs, Session, is_unfinished
 from dlwpredict.diagnosis.answer.halves import require_enough
 from dlwpredict.errors import InputError
 from dlwpredict.metrology.walls import WALL_PX
-from dlwpredict.numerics.parallel import cores_for_workers
+from dlwpredict.numerics.parallel import cores_for_workers, end_workers
 
 COMMAND = "diagnose"
 CLASS = options.PairCommand

@@ -9,15 +9,14 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
-from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import replacing
 from dlwpredict.files.stl import write_solid
-from dlwpredict.heightmap import HeightMap
 from dlwpredict.metrology.missing import fill_missing
-from dlwpredict.solid.mesh import Solid, largest_distance_um, solid_of
+from dlwpredict.solid.mesh import merged, solid_of
 
 COMMAND = "export-stl"
 FIGURES = True
@@ -65,10 +64,7 @@ def run(
             solid, error_um = merged(solid, part, max_faces, max_error_um, base_um, min_thickness_um)
     with blaming(output), replacing(output) as temporary:
         write_solid(temporary, solid)
-    if plot is not None:
-        from dlwpredict import plots
-
-        plots.save(plot, plots.overview(part, name=output.stem, caption=part.summary()))
+    draw(plot, lambda plots: plots.overview(part, name=output.stem, caption=part.summary()))
     for remark in solid.remarks:
         warn(f"{height_map}: {remark}")
     (x0, y0, _), (x1, y1, top) = solid.vertices_um.min(axis=0), solid.vertices_um.max(axis=0)
@@ -89,28 +85,3 @@ def run(
         f"{output}: watertight, {len(solid.faces)} triangles{within}, x {x0:.5g} to {x1:.5g}, y {y0:.5g} to {y1:.5g}, "
         f"z 0 to {top:.4g} µm, volume {solid.volume_um3:.6g} µm³"
     )
-
-
-def merged(
-    whole: Solid, part: HeightMap, max_faces: int, max_error_um: float, base_um: float, min_thickness_um: float
-) -> tuple[Solid, float]:
-    """Return the solid with merged triangles, and how far its surface is from the whole one's, µm.
-
-    Raises
-    ------
-    ResultError
-        More triangles are needed to stay within the error.
-    """
-    if not 0 < max_error_um <= 1:
-        raise InputError(f"found {max_error_um:g}", key="--max-error-um", allowed="allowed above 0, up to 1 µm")
-    solid = solid_of(part, base_um=base_um, min_thickness_um=min_thickness_um, error_um=max_error_um)
-    if len(solid.faces) > max_faces:
-        raise ResultError(
-            f"{len(solid.faces)} triangles are needed to stay within {max_error_um:g} µm",
-            key="--max-faces",
-            allowed="allowed: as many, or a larger --max-error-um",
-        )
-    error_um = largest_distance_um(solid, whole, part)
-    if error_um > max_error_um * (1 + 1e-6):
-        raise ResultError(f"surface {error_um:.3g} µm off", key="--max-faces", allowed=f"allowed {max_error_um:g}")
-    return solid, error_um

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dlwpredict.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ENDINGS = (".png", ".pdf", ".svg")
 
@@ -17,7 +21,7 @@ Plot = Annotated[
 ]
 
 
-def check_plot(path: Path | None) -> None:
+def check_plot(path: Path | None, option: str = "--plot") -> None:
     """Refuse a picture of a kind that is not drawn, before any work is done.
 
     Raises
@@ -27,4 +31,12 @@ def check_plot(path: Path | None) -> None:
     """
     if path is not None and path.suffix.lower() not in ENDINGS:
         allowed = f"allowed {' '.join(ENDINGS)}"
-        raise InputError(f"ends in {path.suffix or 'nothing'}", where=path, key="--plot", allowed=allowed)
+        raise InputError(f"ends in {path.suffix or 'nothing'}", where=path, key=option, allowed=allowed)
+
+
+def draw(path: Path | None, figure: Callable[[Any], Figure]) -> None:
+    """Save the figure that a function makes of `dlwpredict.plots`, if it is asked for: matplotlib takes a second."""
+    if path is not None:
+        from dlwpredict import plots
+
+        plots.save(path, figure(plots))

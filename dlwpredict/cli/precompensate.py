@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
+from dlwpredict.api.precompensate import precompensate
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
-from dlwpredict.correction.precompensate import HIGHEST, LAST, Limits, Precompensation, correct, steps_um
+from dlwpredict.correction.precompensate import HIGHEST, LAST, Limits, Precompensation, steps_um
 from dlwpredict.correction.printable import Printable
+from dlwpredict.correction.sides import Stake, stakes
 from dlwpredict.correction.surround import doubt_of_edges
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
@@ -24,9 +26,7 @@ from dlwpredict.files.formats import format_of
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.files.provenance import cautions_of
 from dlwpredict.files.yaml_text import yaml_text
-from dlwpredict.heightmap import HeightMap
-from dlwpredict.parameters import ParameterSet
-from dlwpredict.process import check_target, predict
+from dlwpredict.process import check_target
 
 COMMAND = "precompensate"
 STREAMS = {"report": ".yaml"}
@@ -108,56 +108,46 @@ def run(
     with blaming(target):
         check_target(part)
     slicing = process.writing.slicing_um if slicing_um is None else slicing_um
-    shape = Printable(smooth_um, np.inf if max_slope is None else max_slope, smallest_feature_um)
+    shape = Printable(smooth_um, inf if max_slope is None else max_slope, smallest_feature_um)
     limits = Limits.about(part, maximum_um, slicing_um=slicing, printable=shape)
-
-    def corrected(physics: ParameterSet) -> Precompensation:
-        return correct(
-            part,
-            physics,
-            limits,
-            continued=surround is options.Surround.continued,
-            most_predictions=predictions,
-            memory=5 if method is Loop.accelerated else 0,
-            on_step=lambda count, rmse: detail(f"prediction {count}: rmse {rmse:.4f} µm"),
-        )
-
+    corrected = partial(
+        precompensate,
+        limits=limits,
+        continued=surround is options.Surround.continued,
+        most_predictions=predictions,
+        memory=5 if method is Loop.accelerated else 0,
+        on_step=lambda count, rmse: detail(f"prediction {count}: rmse {rmse:.4f} µm"),
+    )
     with blaming(target):
         if process.undecided and undecided is None:
-            show_both(part, {side: process.decided(side.value) for side in Side}, corrected)
+            for stake in stakes(part, process, corrected):
+                say(_told(stake))
             raise InputError(
                 f"print or measurement is open for {', '.join(process.undecided.effects)}",
                 where=parameters,
                 key="undecided",
                 allowed="allowed: --undecided print or --undecided measurement",
             )
-        correction = corrected(process if undecided is None else process.decided(undecided.value))
+        correction = corrected(part, process if undecided is None else process.decided(undecided.value))
     figures = correction.summary()
     if process.undecided and undecided is not None:
         figures["undecided"] = undecided.value
     if unreachable:
-        write_height_map(unreachable, part.with_heights(np.where(correction.reachable, 0.0, correction.error_um)))
+        write_height_map(unreachable, part.with_heights(correction.missing_um))
     if report:
         write_text(report, yaml_text(figures))
     write_height_map(output, correction.corrected)
-    if plot is not None:
-        from dlwpredict import plots
-
-        errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
-        shown = plots.correction(
-            part, correction.corrected, correction.predicted, correction.reachable, caption=f"rmse {errors} µm"
-        )
-        plots.save(plot, shown)
+    errors = " → ".join(f"{figures['rmse_um'][when]:.4f}" for when in ("before", "after"))
+    shown = part, correction.corrected, correction.predicted, correction.reachable
+    draw(plot, lambda plots: plots.correction(*shown, caption=f"rmse {errors} µm"))
     tell(figures)
     _say(output, correction)
     for doubt in doubt_of_edges(part) if surround is None else ():
         warn(f"{target}: {doubt}")
-    if maximum_um is None and (
-        capped := int((correction.corrected.heights_um >= limits.maximum_um * (1 - 1e-9)).sum())
-    ):
+    if maximum_um is None and correction.capped_points:
         warn(
-            f"{output}: {capped} points stand at {limits.maximum_um:.4g} µm, {HIGHEST:g} times the target's height, "
-            "the most that is written: --maximum-um allows more"
+            f"{output}: {correction.capped_points} points stand at {limits.maximum_um:.4g} µm, {HIGHEST:g} times the "
+            "target's height, the most that is written: --maximum-um allows more"
         )
     if not smooth_um and (step := steps_um(part)):
         warn(
@@ -165,7 +155,7 @@ def run(
             "each as a wall"
         )
     if (left := figures["reachable"]["largest_to_initial"]) > LARGE:
-        warn(f"stopped at {100 * left:.0f} % of the first error: {why(correction, limits)}")
+        warn(f"stopped at {100 * left:.0f} % of the first error: {why(correction)}")
 
 
 def _say(output: Path, correction: Precompensation) -> None:
@@ -183,32 +173,18 @@ def _say(output: Path, correction: Precompensation) -> None:
         )
 
 
-def why(correction: Precompensation, limits: Limits) -> str:
+def why(correction: Precompensation) -> str:
     """Say what leaves an error where the target is within reach."""
     if correction.largest_unrounded_um <= LARGE * correction.history[0]["largest_um"]:
-        return f"heights are rounded to slices of {limits.slicing_um:g} µm (--slicing-um)"
+        return f"heights are rounded to slices of {correction.limits.slicing_um:g} µm (--slicing-um)"
     if correction.still_falling:
         return "allow more --predictions"
     return f"the last {LAST} of {correction.predictions} predictions gained nothing, more will not"
 
 
-def show_both(
-    part: HeightMap, choices: dict[Side, ParameterSet], correct: Callable[[ParameterSet], Precompensation]
-) -> None:
-    """Say what either choice of side would correct, and how the print would come out if it is wrong."""
-    corrections = {side: correct(process) for side, process in choices.items()}
-    footprint = part.heights_um > 0
-    for side, truth in ((Side.print, Side.measurement), (Side.measurement, Side.print)):
-        written = corrections[side].corrected
-        apart = (written.heights_um - corrections[truth].corrected.heights_um)[footprint]
-        wrong = (part.heights_um - predict(written, choices[truth]).heights_um)[footprint]
-        say(
-            f"--undecided {side}: rmse {rms(corrections[side].error_um[footprint]):.4f} µm, {rms(wrong):.4f} µm "
-            f"if it is {truth}; corrected target up to {np.abs(apart).max():.4f} µm "
-            f"(rms {rms(apart):.4f} µm) from the other"
-        )
-
-
-def rms(values_um: np.ndarray) -> float:
-    """Return the root mean square, µm."""
-    return float(np.sqrt(np.mean(values_um**2)))
+def _told(stake: Stake) -> str:
+    """Say what a choice of side would correct, and how the print would come out if it is wrong."""
+    return (
+        f"--undecided {stake.side}: rmse {stake.rmse_um:.4f} µm, {stake.wrong_um:.4f} µm if it is {stake.other}; "
+        f"corrected target up to {stake.apart_um:.4f} µm (rms {stake.apart_rms_um:.4f} µm) from the other"
+    )

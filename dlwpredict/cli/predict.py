@@ -8,19 +8,20 @@ from typing import Annotated
 
 import typer
 
+from dlwpredict.api.predict import predict
 from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
-from dlwpredict.cli.large import Scheduler, TilePx, cut, predict_large
-from dlwpredict.cli.plotting import Plot, check_plot
+from dlwpredict.cli.large import Scheduler, TilePx, predict_large
+from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import figures_of, tell
-from dlwpredict.correction.surround import Continued, doubt_of_edges
+from dlwpredict.correction.surround import doubt_of_edges
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import Numerics
 from dlwpredict.model.voxels import Voxels
-from dlwpredict.process import check_target, predict
+from dlwpredict.tiling.disk import cut
 
 COMMAND = "predict"
 FIGURES = True
@@ -79,15 +80,11 @@ def run(
         numerics = Levels(threads)
     detail(f"target: {part.summary()}")
     with blaming(target):
-        check_target(part)
-        whole = Continued.of(part, process) if surround is options.Surround.continued else Continued(part, (0, 0))
-        printed = whole.in_view(predict(whole.whole, process, numerics=numerics, as_measured=as_measured))
+        continued = surround is options.Surround.continued
+        printed = predict(part, process, as_measured=as_measured, continued=continued, numerics=numerics)
     for doubt in doubt_of_edges(part) if surround is None else ():
         warn(f"{target}: {doubt}")
     write_height_map(output, printed)
-    if plot is not None:
-        from dlwpredict import plots
-
-        plots.save(plot, plots.comparison(part, printed, names=("target", "prediction")))
+    draw(plot, lambda plots: plots.comparison(part, printed, names=("target", "prediction")))
     say(f"{output}: {printed.summary()}")
     tell(figures_of(printed))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -13,13 +13,14 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
-from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.cli.plotting import check_plot, draw
+from dlwpredict.errors import ResultError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import write_text
-from dlwpredict.heightmap import HeightMap, require_same_grid
+from dlwpredict.heightmap import require_same_grid
 from dlwpredict.metrology.score import MATERIAL_RATIO_RANGE, Score, score
 from dlwpredict.metrology.transfer import HALF, Transfer, transfer
-from dlwpredict.metrology.walls import WALL_PX, near_walls_or_rim
+from dlwpredict.metrology.walls import WALL_PX
 
 COMMAND = "score"
 STREAMS = {"json_file": ".json"}
@@ -67,18 +68,18 @@ def run(
     $ dlwpredict score target.tif aligned.tif --part-only --json score.json --plot score.png
     """
     options.check_outputs(json_file, plot, transfer_plot, overwrite=overwrite)
-    for option, picture in (("--plot", plot), ("--transfer-plot", transfer_plot)):
-        if picture is not None and picture.suffix.lower() not in (".png", ".pdf", ".svg"):
-            raise InputError(
-                f"ends in {picture.suffix or 'nothing'}", where=picture, key=option, allowed="allowed .png .pdf .svg"
-            )
+    check_plot(plot)
+    check_plot(transfer_plot, "--transfer-plot")
     maps = read_height_map(reference), read_height_map(test)
     require_same_grid(*maps, names=(str(reference), str(test)))
     with blaming(test):
         compared = partial(
             score, material_ratio_range=material_ratio, part_only=part_only, include_filled=include_filled
         )
-        result, away = compared(*maps), away_from_walls(*maps, wall_px, compared)
+        result, away = compared(*maps), None
+        if wall_px:
+            with suppress(ResultError):  # where no point lies away from walls
+                away = compared(*maps, wall_px=wall_px)
     figures: dict[str, Any] = asdict(result)
     if wall_px:
         figures["away_from_walls"] = {"wall_px": wall_px} | {key: asdict(away)[key] if away else None for key in AWAY}
@@ -87,15 +88,9 @@ def run(
         with blaming(reference):
             transfers = transfer(*maps, include_filled=include_filled)
         figures["transfer"] = {axis: asdict(curve) for axis, curve in transfers.items()}
-    if transfer_plot is not None:
-        from dlwpredict import plots
-
-        plots.save(transfer_plot, plots.transfer_curves(transfers, title=f"{test.stem} against {reference.stem}"))
-    if plot is not None:
-        from dlwpredict import plots
-
-        figure = plots.comparison(*maps, names=(reference.stem, test.stem), caption=caption(result, away))
-        plots.save(plot, figure)
+    title, names = f"{test.stem} against {reference.stem}", (reference.stem, test.stem)
+    draw(transfer_plot, lambda plots: plots.transfer_curves(transfers, title=title))
+    draw(plot, lambda plots: plots.comparison(*maps, names=names, caption=caption(result, away)))
     if json_file is not None:
         write_text(json_file, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     say(table(result))
@@ -105,18 +100,6 @@ def run(
         say("\n" + transfer_table(transfers))
     if result.height_reference == "relative":
         warn(f"{test}: heights are relative (no substrate in view); mean_difference_um and rmse_um hold a free offset")
-
-
-def away_from_walls(
-    reference: HeightMap, test: HeightMap, wall_px: int, compared: Callable[..., Score]
-) -> Score | None:
-    """Return the score of what lies so many pixels from the reference's walls and rim; None where nothing does."""
-    if not wall_px:
-        return None
-    try:
-        return compared(reference, test, left_out=near_walls_or_rim(reference, wall_px))
-    except ResultError:
-        return None
 
 
 def away_note(away: Score | None, wall_px: int) -> str:

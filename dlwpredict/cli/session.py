@@ -2,50 +2,39 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dlwpredict.calibration.words import cautions_of
-from dlwpredict.cli.anytime import Companion, cpu_s, end_workers, fingerprint
+from dlwpredict.api.diagnose import Answer, diagnose, first_look, in_halves
 from dlwpredict.cli.anytime import said as about
-from dlwpredict.cli.console import say, warn
-from dlwpredict.cli.diagnosis_files import maps_of, write_maps, write_report
-from dlwpredict.cli.pairs import Files, Pair, pixels_of, repeats_of
+from dlwpredict.cli.console import detail, say, warn
+from dlwpredict.cli.pairs import Files, read_pair, with_repeats
+from dlwpredict.cli.plotting import draw
 from dlwpredict.cli.progress import progress
 from dlwpredict.cli.streams import tell as figures
-from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.answer.advise import advise
-from dlwpredict.diagnosis.answer.content import FORMAT, content_of, untested
-from dlwpredict.diagnosis.answer.halves import Classes, halves, named_by, with_halves
-from dlwpredict.diagnosis.answer.sides import extended
+from dlwpredict.diagnosis.answer.content import FORMAT
 from dlwpredict.diagnosis.answer.words import listed
 from dlwpredict.diagnosis.judge import Diagnosis
-from dlwpredict.diagnosis.run import Course, Stage, diagnose
+from dlwpredict.diagnosis.run import Course, Stage
 from dlwpredict.errors import InputError
+from dlwpredict.files import write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import origin, with_cautions
+from dlwpredict.files.resume import Companion, fingerprint
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
-from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.free import choose
-from dlwpredict.infer.model import freed
 from dlwpredict.infer.objective import Work
-from dlwpredict.infer.recording import Recording, check_points
-from dlwpredict.infer.trace import trace
-from dlwpredict.model.levels import Levels
-from dlwpredict.numerics.parallel import Workers
+from dlwpredict.infer.recording import check_points
+from dlwpredict.numerics.parallel import cpu_s
+from dlwpredict.pairing import Pair
 from dlwpredict.parameters import ParameterSet
 
 PREDICTIONS = 600, 3000
 """A diagnosis takes about as long as so many predictions of all recordings: half of it is predictions."""
-
-COLD_S = 1.0
-"""A first prediction that takes less is timed again: loading what it needs took part of it."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +61,13 @@ class Inputs:
     pitch_um: float | None
 
     def read(self, files: Files, start: ParameterSet) -> list[Pair]:
-        """Read and check pairs."""
-        return [Pair.read(pair, start, self.wall_px, self.pitch_um) for pair in files]
+        """Read and check pairs, and say on which pixels they are worked."""
+        pairs = []
+        for pair in files:
+            one = read_pair(pair, start, wall_px=self.wall_px, working_pitch_um=self.pitch_um)
+            detail(f"{pair[1]}: {one.native.points} points count, {one.factor} × {one.factor} pixels make one")
+            pairs.append(one)
+        return pairs
 
     def fingerprint(self, seed: int) -> str:
         """Return what another run must share with this one to take up its work."""
@@ -119,9 +113,7 @@ class Session:
     ----------
     pairs : list of Pair
     start : ParameterSet
-    holdout : list of Recording
-    repeats : list of list of HeightMap
-        Of every pair.
+    holdout : list of Pair
     seed : int
     outputs : Outputs
     companion : Companion
@@ -129,25 +121,21 @@ class Session:
     work : Work
     content : dict
         Of diagnosis.yaml as it stands; empty before there is any.
-    best : Diagnosis or None
+    best : Answer or None
         What the content says.
-    process : ParameterSet or None
-        With the effects found, once the search is complete.
     finished : bool
     """
 
     pairs: list[Pair]
     start: ParameterSet
-    holdout: list[Recording]
-    repeats: list[list[HeightMap]]
+    holdout: list[Pair]
     seed: int
     outputs: Outputs
     companion: Companion
     processes: int = 1
     work: Work = field(default_factory=Work)
     content: dict[str, Any] = field(default_factory=dict)
-    best: Diagnosis | None = None
-    process: ParameterSet | None = None
+    best: Answer | None = None
     finished: bool = False
     _expected_s: float = 0.0
     _cpu_s: float = 0.0
@@ -156,17 +144,11 @@ class Session:
     def of(cls, inputs: Inputs, outputs: Outputs, *, seed: int) -> Session:
         """Read and check everything."""
         begun, start = cpu_s(), read_parameters(inputs.parameters)
-        pairs = inputs.read(inputs.pairs, start)
-        holdout = [pair.recording for pair in inputs.read(inputs.holdout, start)]
-        repeats = repeats_of(pairs, inputs.repeats)
+        pairs, holdout = inputs.read(inputs.pairs, start), inputs.read(inputs.holdout, start)
+        pairs = with_repeats(pairs, inputs.repeats)
         check_points([pair.recording for pair in pairs])
         companion = replace(Companion.beside(outputs.output), fingerprint=inputs.fingerprint(seed))
-        return cls(pairs, start, holdout, repeats, seed, outputs, companion, _cpu_s=begun)
-
-    @property
-    def recordings(self) -> list[Recording]:
-        """All of them."""
-        return [pair.recording for pair in self.pairs]
+        return cls(pairs, start, holdout, seed, outputs, companion, _cpu_s=begun)
 
     def begin(self, processes: int, *, resume: bool) -> None:
         """Take up what an interrupted run has left, say how long it may take, and write an answer that knows nothing.
@@ -174,7 +156,6 @@ class Session:
         An answer that the interrupted run has left says more: it stays.
         """
         self.processes, output = processes, self.outputs.output
-        free = freed(self.start, choose(self.start))
         if resume and self.companion.read():
             fits = sum(len(stored) for stored in self.companion.stored.values())
             say(f"going on with {fits} fits of {self.companion.path}")
@@ -182,62 +163,43 @@ class Session:
                 self.content = read_yaml(output)
         elif resume:
             say(f"begins afresh: there is no {self.companion.path}")
-        predicted, prediction_s = _timed(self.recordings, self.start)
+        content, prediction_s = first_look(self.pairs, self.start)
         self._expected_s = prediction_s * sum(PREDICTIONS) / len(PREDICTIONS) / processes
         low, high = (about(prediction_s * count / processes) for count in PREDICTIONS)
         say(f"{pixels_of(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
         if not self.content:
-            self.content = self._completed(untested(self.recordings, predicted, free))
-            self._write_answer()
+            self._write_answer(content)
         self.companion.write()
 
     def search(self, *, advice: bool, reproducible: bool = False) -> None:
         """Diagnose, keeping every answer on the way."""
-        with progress(self._expected_s) as tell, Workers(self.processes, diagnose.__module__) as workers:
-            try:
-                diagnosis = diagnose(
-                    self.recordings,
-                    self.start,
-                    repeats=self.repeats,
-                    holdout=self.holdout,
-                    seed=self.seed,
-                    course=Course(tell, self.keep, workers, self.work, self.companion.stored),
-                )
-                tell(Stage("judgement", 0.95, "intervals, and what to record next"))
-                profiled = diagnosis.intervals(diagnosis.extended.fit, profiles=True).as_dict()
-                content = content_of(diagnosis, profiled)
-                if advice:
-                    _advised(diagnosis, content)
-                self.process = extended(diagnosis, profiled) if self.outputs.params_out else None
-                self.best, self.content = diagnosis, self._completed(content)
-                if reproducible:
-                    self._write_answer()
-                    content = with_halves(content, list(self._halves(tell, workers)))
-                self.content, self.finished = self._completed(content), True
-            except KeyboardInterrupt:
-                end_workers()
-                raise
+        with progress(self._expected_s) as tell:
+            running: dict[str, Any] = {"seed": self.seed, "processes": self.processes}
+            course = Course(tell, self._keep, work=self.work, stored=self.companion.stored)
+            answer = diagnose(self.pairs, self.start, holdout=self.holdout, advice=advice, course=course, **running)
+            if self.outputs.params_out:
+                answer.parameters  # noqa: B018 (may fit once more: while that can still be interrupted)
+            self.best, self.content = answer, self._completed(answer.content)
+            if reproducible:
+                write_text(self.outputs.output, yaml_text(self.content))
 
-    def _halves(self, tell: Callable[[Stage], None], workers: Workers) -> Iterator[Classes]:
-        """Diagnose halves of the recordings."""
-        chosen = halves(len(self.recordings), policy.SPLITS, self.seed)
-        for number, half in enumerate(chosen, start=1):
-            tell(Stage("judgement", 0.99, f"half {number} of {len(chosen)}"))
-            stored = self.companion.stored.setdefault(f"half {half}", {})
-            course = Course(workers=workers, work=self.work, stored=stored)
-            yield named_by(half, self.recordings, self.start, self.repeats, self.seed, course)
-            self.companion.write()
+                def step(stage: Stage) -> None:
+                    self.companion.write()
+                    tell(stage)
 
-    def keep(self, diagnosis: Diagnosis) -> None:
+                answer = in_halves(answer, self.start, course=replace(course, tell=step), **running)
+                self.best, self.content = answer, self._completed(answer.content)
+            self.finished = True
+
+    def _keep(self, diagnosis: Diagnosis) -> None:
         """Write an answer that is valid already, unless it says less than the one that stands."""
         self.companion.write()
         if not (diagnosis.named or diagnosis.complete) and self.content.get("findings"):
             return
-        first, self.best = self.best is None, diagnosis
-        self.content = self._completed(content_of(diagnosis))
-        self._write_answer()
+        first, self.best = self.best is None, Answer.of(diagnosis, self.pairs)
+        self._write_answer(self.best.content)
         if first and self.outputs.maps:
-            write_maps(self.outputs.maps, diagnosis, self.pairs)
+            write_maps(self.outputs.maps, self.best)
 
     def close(self, cause: str) -> None:
         """Write all outputs of the best answer, and say what it is; the answer itself comes last.
@@ -247,19 +209,19 @@ class Session:
         cause : str
             What has ended the search before it was finished; empty where nothing has.
         """
-        diagnosis, outputs = self.best, self.outputs
-        if diagnosis:
+        answer, outputs = self.best, self.outputs
+        if answer:
             if outputs.maps:
-                write_maps(outputs.maps, diagnosis, self.pairs)
+                write_maps(outputs.maps, answer)
             if outputs.report:
-                write_report(outputs.report, diagnosis, self.content, self.pairs)
-            if outputs.plot:
-                self._draw(outputs.plot, diagnosis)
+                from dlwpredict.pages.answer import write_answer  # matplotlib takes a second
+
+                write_answer(outputs.report, answer, self.content)
+            draw(outputs.plot, lambda plots: plots.diagnosis(_rows(answer), caption=self.content["sentence"]))
             if outputs.params_out:
-                process = self.process or extended(diagnosis)
-                stated = with_cautions(cautions(diagnosis, self.content))
-                write_parameters(outputs.params_out, replace(process, provenance=stated))
-            self._write_answer()
+                stated = with_cautions(answer.cautions)
+                write_parameters(outputs.params_out, replace(answer.parameters, provenance=stated))
+            write_text(outputs.output, yaml_text(self.content))
         if self.finished:
             self.companion.remove()
         elif self.content:
@@ -276,60 +238,45 @@ class Session:
         """Say in one line what has not been tried."""
         names = self.content.get("not_tried", [])
         tried = listed(names) if names else "the last steps of a search that has settled"
-        if diagnosis := self.best:
-            tried = tried if names or diagnosis.complete else "whether the sets of effects that were refitted stay"
+        if self.best and not (names or self.best.diagnosis.complete):
+            tried = "whether the sets of effects that were refitted stay"
         return f"ended by {cause}; not tried: {tried}; the same command with --resume goes on from here"
 
-    def _completed(self, content: dict[str, Any]) -> dict[str, Any]:
+    def _completed(self, content: Mapping[str, Any]) -> dict[str, Any]:
         """Return content with what a diagnosis does not know of itself."""
         pitches = [float(f"{pair.pitch_um:.6g}") for pair in self.pairs]
-        return content | {
+        return {
+            **content,
             "working_pitch_um": pitches[0] if len(set(pitches)) == 1 else pitches,
             "work": {"predictions": round(self.work.predictions, 1), "cpu_s": round(cpu_s() - self._cpu_s, 1)},
-            "recordings": [str(pair.files[1]) for pair in self.pairs],
+            "recordings": [pair.names[1] for pair in self.pairs],
             "provenance": origin(),
         }
 
-    def _write_answer(self) -> None:
+    def _write_answer(self, content: Mapping[str, Any]) -> None:
+        self.content = self._completed(content)
         write_text(self.outputs.output, yaml_text(self.content))
 
-    def _draw(self, path: Path, diagnosis: Diagnosis) -> None:
-        from dlwpredict import plots
 
-        rows = []
-        for k, pair in enumerate(self.pairs):
-            residual, mismatch, explained, remainder = maps_of(diagnosis, k).values()
-            rows.append((str(pair.files[1]), pair.recording.target, residual, mismatch, explained, remainder))
-        plots.save(path, plots.diagnosis(rows, caption=self.content["sentence"]))
+def _rows(answer: Answer) -> list[tuple[Any, ...]]:
+    """Return name, target and maps of every recording, as they are drawn."""
+    maps = [tuple(answer.working_maps(k).values()) for k in range(len(answer.pairs))]
+    return [(pair.names[1], pair.recording.target, *shown) for pair, shown in zip(answer.pairs, maps, strict=True)]
 
 
-def cautions(diagnosis: Diagnosis, content: dict[str, Any]) -> list[str]:
-    """Say what should be known wherever the extended process is used."""
-    remainder, said = content["remainder"], []
-    if not content.get("complete", True):
-        said.append("the diagnosis was ended before it was complete: other effects may explain the recordings better")
-    if content["verdict"] == "unexplained":
-        said.append("the diagnosis is 'unexplained': most of the mismatch has no name, and its effects stand in for it")
-    elif remainder["significant"]:
-        said.append(f"the diagnosis left {remainder['rms_um']:.3g} µm beyond noise that no named effect explains")
-    return said + cautions_of(diagnosis.recordings)
+def pixels_of(pairs: Sequence[Pair]) -> str:
+    """Say on which pixels the recordings are worked."""
+    kinds = dict.fromkeys((pair.factor, pair.pitch_um) for pair in pairs)
+    each = [f"{p:.3g} µm ({'as recorded' if f == 1 else f'{f} × {f} recorded ones'})" for f, p in kinds]
+    return f"working pixels of {' and '.join(each)}"
 
 
-def _timed(recordings: Sequence[Recording], start: ParameterSet) -> tuple[list[np.ndarray], float]:
-    """Predict all recordings once; return the heights, µm, and the seconds that it takes."""
-    for _ in range(2):
-        begun = time.perf_counter()
-        predicted = [trace(recording.target, start, Levels()).heights_um for recording in recordings]
-        took = time.perf_counter() - begun
-        if took > COLD_S:
-            break
-    return predicted, took
-
-
-def _advised(diagnosis: Diagnosis, content: dict[str, Any]) -> None:
-    """Add to every class the recording that would tell its members apart."""
-    for item, finding in zip(diagnosis.named, content["findings"], strict=True):
-        if len(item.members) > 1:
-            advice = advise(diagnosis.baseline.fit, [member.effect for member in item.members])
-            finding["separate_by"] = advice.sentence if advice else None
-            finding["separate_command"] = advice.command if advice else None
+def write_maps(folder: Path, answer: Answer) -> None:
+    """Write the maps of all pairs on the pixels of their files, all of them or none."""
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}") as temporary:
+        for k in range(len(answer.pairs)):
+            for name, shown in answer.maps(k).items():
+                write_height_map(Path(temporary) / f"{name}_{k}.tif", shown)
+        folder.mkdir(exist_ok=True)
+        for file in sorted(Path(temporary).iterdir()):
+            shutil.move(file, folder / file.name)

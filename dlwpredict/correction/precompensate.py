@@ -100,6 +100,8 @@ class Precompensation:
         How often a step was taken back because the error had grown.
     largest_unrounded_um : float
         Largest reachable error before the heights were rounded to slices.
+    limits : Limits
+        What might be written.
     """
 
     corrected: HeightMap
@@ -110,12 +112,23 @@ class Precompensation:
     history: list[dict[str, float]] = field(repr=False)
     damped: int = 0
     largest_unrounded_um: float = 0.0
+    limits: Limits = Limits()
 
     def in_view(self, view: Continued) -> Precompensation:
         """Return the correction where the target is, of one that was continued."""
         corrected, predicted = view.in_view(self.corrected), view.in_view(self.predicted)
         error_um, reachable = view.cut(self.error_um), view.cut(self.reachable)
         return replace(self, corrected=corrected, predicted=predicted, error_um=error_um, reachable=reachable)
+
+    @property
+    def missing_um(self) -> np.ndarray:
+        """Height that is missing where no correction reaches, 0 elsewhere, µm, shape (rows, cols)."""
+        return np.where(self.reachable, 0.0, self.error_um)
+
+    @property
+    def capped_points(self) -> int:
+        """Points that stand at the highest height that may be written."""
+        return int((self.corrected.heights_um >= self.limits.maximum_um * (1 - 1e-9)).sum())
 
     @property
     def still_falling(self) -> bool:
@@ -234,7 +247,7 @@ def precompensate(
     error = best.error if final is best.written else error_of(final)
     return Precompensation(
         target.with_heights(final), target.with_heights(np.where(footprint, h - error, 0.0)), error,
-        reachable, len(history), history, damped, _largest(best.error[judged & reachable]),
+        reachable, len(history), history, damped, _largest(best.error[judged & reachable]), limits,
     )  # fmt: skip
 
 
@@ -253,7 +266,7 @@ def correct(
     **settings
         Of `precompensate`.
     """
-    view = Continued.of(target, process) if continued else Continued(target, (0, 0))
+    view = Continued.of(target, process, continued=continued)
     counted = np.pad(np.ones(target.shape, dtype=bool), [(r, r) for r in view.room])
     result = precompensate(
         view.whole, lambda written: predict(written, process), limits=limits, counted=counted, **settings

@@ -51,14 +51,16 @@ class Continued:
     room: tuple[int, int]
 
     @classmethod
-    def of(cls, target: HeightMap, parameters: ParameterSet) -> Continued:
-        """Continue a target.
+    def of(cls, target: HeightMap, parameters: ParameterSet, *, continued: bool = True) -> Continued:
+        """Continue a target, or leave it as it is.
 
         Examples
         --------
         >>> Continued.of(HeightMap([[1.0, 2.0], [3.0, 4.0]], 5.0, 9.0), ParameterSet()).whole.heights_um[:, 0].tolist()
         [2.0, 2.0, 4.0, 4.0]
         """
+        if not continued:
+            return cls(target, (0, 0))
         paper = parameters.paper
         reach = REACH_SIGMAS * np.hypot(paper.exposure_fwhm_xy_um, paper.crosslink_fwhm_xy_um) / FWHM_PER_SIGMA
         room = int(np.ceil(reach / target.dy_um)), int(np.ceil(reach / target.dx_um))

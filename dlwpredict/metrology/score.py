@@ -8,6 +8,7 @@ import numpy as np
 
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap, require_same_grid
+from dlwpredict.metrology.walls import near_walls_or_rim
 
 MATERIAL_RATIO_RANGE = (0.05, 0.95)
 
@@ -72,6 +73,7 @@ def score(
     material_ratio_range: tuple[float, float] = MATERIAL_RATIO_RANGE,
     part_only: bool = False,
     include_filled: bool = False,
+    wall_px: int = 0,
     left_out: np.ndarray | None = None,
 ) -> Score:
     """Compare a test surface with its reference, point by point and by height distribution.
@@ -86,8 +88,10 @@ def score(
         Leave out the points where the reference is bare substrate (height 0 or less).
     include_filled : bool
         Let points enter that were interpolated, not measured.
+    wall_px : int
+        Leave out the points this near to walls of the reference and to the map's rim.
     left_out : numpy.ndarray of bool, shape (rows, cols), optional
-        Further points that do not belong to the region, such as those near walls.
+        Further points that do not belong to the region.
 
     Raises
     ------
@@ -101,6 +105,8 @@ def score(
     if not 0 <= low < high <= 1:
         raise InputError(f"found {low:g} {high:g}", key="material_ratio_range", allowed="two rising numbers in 0 to 1")
     region = reference.heights_um > 0 if part_only else np.ones(reference.shape, dtype=bool)
+    if wall_px:
+        region = region & ~near_walls_or_rim(reference, wall_px)
     if left_out is not None:
         region = region & ~left_out
     known = ~np.isnan(reference.heights_um) & ~np.isnan(test.heights_um) & region

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from importlib import import_module
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -50,7 +53,7 @@ def cores_for_workers() -> int:
     return 1 if parent_process() else cores()
 
 
-def begin_worker(on_interrupt: signal.Handlers) -> None:
+def _begin_worker(on_interrupt: signal.Handlers) -> None:
     """Prepare a worker: what Ctrl-C does to it, and that it ends when the process that started it has ended.
 
     Left to itself it would wait for jobs for ever after a kill that leaves no time to say so.
@@ -68,11 +71,15 @@ def _load(module: str) -> None:
     import_module(module)
 
 
+def _done(function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) -> list[Result]:
+    return [function(*job) for job in jobs]
+
+
 @dataclass(eq=False)
 class Workers:
     """Processes that share jobs of tenths of a second and more; they start on entering, and end on leaving.
 
-    Until they are ready this process does the jobs itself.
+    Each is a pool of its own, so that it is known which job a process died of.
 
     Parameters
     ----------
@@ -80,6 +87,8 @@ class Workers:
         1 = this one.
     module : str
         What they load before they are ready.
+    on_interrupt : signal.Handlers
+        Whether Ctrl-C ends them too, or leaves them to finish their jobs.
 
     Examples
     --------
@@ -90,39 +99,100 @@ class Workers:
 
     processes: int = 1
     module: str = __package__
-    _pool: ProcessPoolExecutor | None = field(default=None, init=False)
+    on_interrupt: signal.Handlers = signal.SIG_DFL
+    _pools: list[ProcessPoolExecutor] = field(default_factory=list, init=False)
     _loading: list[Future[None]] = field(default_factory=list, init=False)
 
     def __enter__(self) -> Workers:
-        if self.processes > 1:
-            from concurrent.futures import ProcessPoolExecutor  # not above: other commands start sooner without it
-
-            self._pool = ProcessPoolExecutor(
-                self.processes, get_context("spawn"), initializer=begin_worker, initargs=(signal.SIG_DFL,)
-            )
-            self._loading = [self._pool.submit(_load, self.module) for _ in range(self.processes)]
+        for _ in range(self.processes if self.processes > 1 else 0):
+            self._start()
         return self
 
     def __exit__(self, *failure: object) -> None:
-        if self._pool:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = None
+        for pool in self._pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+        self._pools.clear()
+
+    def _start(self) -> ProcessPoolExecutor:
+        from concurrent.futures import ProcessPoolExecutor  # not above: other commands start sooner without it
+
+        pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin_worker, initargs=(self.on_interrupt,))
+        self._pools.append(pool)
+        self._loading.append(pool.submit(_load, self.module))
+        return pool
 
     def each(self, function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]]) -> list[Result]:
         """Return the function's results in the order of the jobs; a job is what it is called with.
 
-        The function must be a module's, so that another process finds it by its name. Where the system has ended a
-        worker, as it does when memory runs short, the others go too and this process does the jobs itself.
+        Until the workers are ready this process does the jobs itself. Where the system has ended a worker, as it does
+        when memory runs short, the others go too and this process does the jobs.
         """
-        if self._pool and len(jobs) > 1 and all(future.done() for future in self._loading):
-            from concurrent.futures.process import BrokenProcessPool
-
-            portion = -(-len(jobs) // (SHARES * self.processes))
+        if self._pools and len(jobs) > 1 and all(future.done() for future in self._loading):
+            size = -(-len(jobs) // (SHARES * self.processes))
+            portions = [(function, jobs[first : first + size]) for first in range(0, len(jobs), size)]
             try:
-                return list(self._pool.map(function, *zip(*jobs, strict=True), chunksize=portion))
-            except BrokenProcessPool:
+                done = {k: future.result() for k, future in self.ended(_done, portions, deque(range(len(portions))))}
+                return [result for k in range(len(portions)) for result in done[k]]
+            except BrokenExecutor:
                 self.__exit__()
-        return [function(*job) for job in jobs]
+        return _done(function, jobs)
+
+    def ended(
+        self, function: Callable[..., Result], jobs: Sequence[tuple[Any, ...]], todo: deque[int]
+    ) -> Iterator[tuple[int, Future[Result]]]:
+        """Yield the numbers of jobs, with their futures, as they come to an end.
+
+        The function must be a module's, so that another process finds it by its name. Where a worker died of a job, the
+        future holds a `BrokenExecutor`; the worker is replaced, and a number that was put back is done again.
+
+        Parameters
+        ----------
+        function : callable
+        jobs : sequence of tuple
+            What it is called with.
+        todo : deque of int
+            Numbers of the jobs to be done, in order.
+        """
+        idle, running = list(self._pools), dict[Future[Result], tuple[Any, int]]()
+        while todo or running:
+            while todo and idle:
+                pool, k = idle.pop(), todo.popleft()
+                running[_sent(pool, function, jobs[k])] = pool, k
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                pool, k = running.pop(future)
+                yield k, future
+                if isinstance(future.exception(), BrokenExecutor):
+                    self._pools.remove(pool)
+                    pool = self._start()
+                idle.append(pool)
+
+
+def _sent(pool: ProcessPoolExecutor, function: Callable[..., Result], job: tuple[Any, ...]) -> Future[Result]:
+    """Give a worker a job; one that has died meanwhile fails at it."""
+    try:
+        return pool.submit(function, *job)
+    except BrokenExecutor as error:
+        failed: Future[Result] = Future()
+        failed.set_exception(error)
+        return failed
+
+
+def end_workers() -> None:
+    """End the worker processes of this one: what they were doing is not wanted any more."""
+    for worker in active_children():
+        worker.terminate()
+
+
+def cpu_s() -> float:
+    """Return the processor time of this process and its workers, s; of those that run, where the system lists them."""
+    spent = time.process_time() + sum(os.times()[2:4])
+    for worker in active_children():
+        try:
+            stat = Path(f"/proc/{worker.pid}/stat").read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            continue
+        spent += sum(map(int, stat.rpartition(") ")[2].split()[11:13])) / os.sysconf("SC_CLK_TCK")
+    return spent
 
 
 ALONE = Workers()

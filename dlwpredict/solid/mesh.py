@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dlwpredict.errors import InputError
+from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import TALLEST_UM, HeightMap
 from dlwpredict.solid.bisection import triangles
 from dlwpredict.solid.rasterise import seen_from_above
@@ -84,6 +84,31 @@ def solid_of(
     vertices *= (height_map.dx_um / 2, -height_map.dy_um / 2, 1.0)
     vertices[:, 1] += (written.shape[0] - 1) * height_map.dy_um
     return Solid(vertices, faces, int((lift > 0).sum()), float(lift.max()))
+
+
+def merged(
+    whole: Solid, part: HeightMap, max_faces: int, max_error_um: float, base_um: float, min_thickness_um: float
+) -> tuple[Solid, float]:
+    """Return the solid with merged triangles, and how far its surface is from the whole one's, µm.
+
+    Raises
+    ------
+    ResultError
+        More triangles are needed to stay within the error.
+    """
+    if not 0 < max_error_um <= 1:
+        raise InputError(f"found {max_error_um:g}", key="--max-error-um", allowed="allowed above 0, up to 1 µm")
+    solid = solid_of(part, base_um=base_um, min_thickness_um=min_thickness_um, error_um=max_error_um)
+    if len(solid.faces) > max_faces:
+        raise ResultError(
+            f"{len(solid.faces)} triangles are needed to stay within {max_error_um:g} µm",
+            key="--max-faces",
+            allowed="allowed: as many, or a larger --max-error-um",
+        )
+    error_um = largest_distance_um(solid, whole, part)
+    if error_um > max_error_um * (1 + 1e-6):
+        raise ResultError(f"surface {error_um:.3g} µm off", key="--max-faces", allowed=f"allowed {max_error_um:g}")
+    return solid, error_um
 
 
 def largest_distance_um(first: Solid, second: Solid, height_map: HeightMap) -> float:

@@ -29,7 +29,7 @@ from scipy import linalg, special
 
 from dlwpredict import __version__
 from dlwpredict.alignment import align
-from dlwpredict.cli.pairs import Pair
+from dlwpredict.cli.pairs import read_pair
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.library.candidates import Bent
 from dlwpredict.diagnosis.library.hidden import answered
@@ -51,7 +51,6 @@ from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.priors import PARAMETERS
 from dlwpredict.infer.recording import Recording, coarser, doubted, prepare
 from dlwpredict.infer.whitened import steepness
-from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.parameters import ParameterSet
 from tests.bench.cases import NEVER
@@ -610,7 +609,7 @@ def recordings(folder: Path, name: str) -> list[Recording]:
         files = place.data(name) / f"target_{k}.tif", laid(name, k)
         target, measured = (read_height_map(file) for file in files)
         if (measured.shape, measured.dx_um, measured.dy_um) == (target.shape, target.dx_um, target.dy_um):
-            found.append(Pair.read(files, ParameterSet(), WALL_PX, None).recording)
+            found.append(read_pair(files, ParameterSet()).recording)
         else:
             part = prepare(target, align(measured, target).aligned)
             found.append(coarser(part, working_factor(target, ParameterSet())))
