@@ -98,6 +98,22 @@ def test_a_lens_that_is_printed_wider_is_no_scale_of_the_microscope(threshold):
 
 
 @pytest.mark.slow
+def test_of_a_lens_only_what_differs_along_its_axes_is_a_scale_of_the_microscope():
+    """It is wider by 0.9 %, all of it along x: the difference is told, the mean is left in and open, not taken wrong."""
+    process = ParameterSet(paper=Paper(threshold=0.2, exposure_fwhm_xy_um=0.7))
+    lens = designs.lens(size_um=24.0, pitch_um=0.4, margin_um=5.0, base_um=3.0, height_um=3.0)
+    seen = recorded(predict(lens, process), scale=(1.018, 1.0), field_um=(42.0, 42.0))
+    found = align(seen, lens)
+    along_x, along_y = found.pose.scale
+    assert (along_x - along_y, (along_x + along_y) / 2) == pytest.approx((0.018, 1.0), abs=1.5e-3)
+    assert found.distortion_test["affine"]["untold"]
+    errors = np.subtract(found.pose.scale, (1.018, 1.0)) / found.uncertainty["scale"]
+    assert np.all(np.abs(errors) < 2)
+    along_x, along_y = align(seen, lens, distortion="affine").pose.scale
+    assert along_x - along_y == pytest.approx(0.018, abs=1.5e-3) and (along_x + along_y) / 2 < 1.0
+
+
+@pytest.mark.slow
 def test_mirror_image_is_refused_or_turned_back():
     mirrored = recorded(letter(), mirrored=True, rotation_deg=20.0)
     with pytest.raises(ResultError, match="mirrored"):

@@ -45,7 +45,7 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
     block-jackknife covariance, T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks and q free directions,
     p < 0.001; and the rim moves by more than a tenth of a target pixel. With auto, only those directions of scale,
     shear and bow are free that the print itself cannot look like (`told`); where there are none of scale and shear, no
-    bow is asked for.
+    bow is asked for. What all directions together would have moved besides is in the covariance.
     """
     for level in levels:
         fit = refine(level, pose, "rigid")
@@ -55,7 +55,7 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
         fit = refine(
             levels[-1], Pose.rigid(pose.shift_um, 0.0, reach_um=pose.reach_um, mirrored=pose.mirrored), "shift"
         )
-    fits: dict[Distortion, Fit] = {"rigid": fit}
+    fits: dict[Distortion, tuple[Fit, Fit]] = {"rigid": (fit, fit)}  # with all directions free, and with those told
     tests: dict[str, dict[str, float | bool]] = {}
     models: tuple[Distortion, ...] = ("affine", "bow")
     free = _directions(fit.pose, "rigid")
@@ -66,7 +66,7 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
             added = told(whole, model, added)
             free = np.column_stack([np.pad(free, [(0, len(added) - len(free)), (0, 0)]), added])
             own = refine(levels[-1], fit.pose, model, np.linalg.qr(free)[0])
-        fits[model] = own
+        fits[model] = whole, own
         tests[model] = _test(whole, own, model, added.shape[1], pixel_um)
         if model == wanted or added.shape[1] == 0:
             break
@@ -76,8 +76,10 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
         settled = next((model for model in reversed(models) if model in tests and tests[model]["accepted"]), "rigid")
     else:
         settled = wanted
-    fit = fits[settled]
-    covariance = figure_covariance(fit.pose, pose_covariance(fit)[0])
+    whole, fit = fits[settled]
+    untold = whole.pose.figures() - fit.pose.figures()
+    untold[2] = (untold[2] + 180) % 360 - 180
+    covariance = figure_covariance(fit.pose, pose_covariance(fit)[0]) + np.outer(untold, untold)
     if not known:
         covariance[2, :] = covariance[:, 2] = 0.0
         covariance[2, 2] = 180.0**2 / 3  # uniform over the circle
@@ -92,9 +94,9 @@ def rotation_sd(fit: Fit) -> float:
 def told(fit: Fit, model: Distortion, directions: np.ndarray) -> np.ndarray:
     """Return those directions of a distortion along which the recording tells it from the form of the print.
 
-    Along them neither the likeness of the target nor a shift takes up more than 1 − `LEAST_OWN` of what the distortion
-    changes, in energy. A point's change is known no better than to `LEAST_OWN` of its energy: walls, which change most,
-    drown nothing.
+    They stand at right angles to all in which the likeness of the target, or a shift, takes up 1 − `LEAST_OWN` of what
+    the distortion changes, in energy: what nothing tells is taken to be as little as can be. A point's change is known
+    no better than to `LEAST_OWN` of its energy: walls, which change most, drown nothing.
 
     Parameters
     ----------
@@ -112,11 +114,12 @@ def told(fit: Fit, model: Distortion, directions: np.ndarray) -> np.ndarray:
     changes = changed(fit.level, fit.pose, fit.fitted, model) @ (scale[:, None] * directions)
     sizes, axes = np.linalg.eigh(changes.T @ (changes * weights[:, None]))
     seen = sizes > BLIND * sizes[-1]
-    axes = axes[:, seen] / np.sqrt(sizes[seen])
-    left = fit.beside(changes @ axes, weights)
+    scaled = axes[:, seen] / np.sqrt(sizes[seen])
+    left = fit.beside(changes @ scaled, weights)
     shares, turns = np.linalg.eigh(left.T @ (left * weights[:, None]))
-    found: np.ndarray = directions @ axes @ turns[:, shares > LEAST_OWN]
-    return found
+    open_ones = np.column_stack([axes[:, ~seen], scaled @ turns[:, shares <= LEAST_OWN]])
+    across: np.ndarray = directions @ np.linalg.qr(open_ones, mode="complete")[0][:, open_ones.shape[1] :]
+    return across
 
 
 def own_share(fit: Fit) -> float:
