@@ -99,7 +99,7 @@ def test_a_lens_that_is_printed_wider_is_no_scale_of_the_microscope(threshold):
 
 @pytest.mark.slow
 def test_of_a_lens_only_what_differs_along_its_axes_is_a_scale_of_the_microscope():
-    """It is wider by 0.9 %, all of it along x: the difference is told, the mean is left in and open, not taken wrong."""
+    """It is wider by 0.9 %, all of it along x: the difference is told; the mean is left in, and open."""
     process = ParameterSet(paper=Paper(threshold=0.2, exposure_fwhm_xy_um=0.7))
     lens = designs.lens(size_um=24.0, pitch_um=0.4, margin_um=5.0, base_um=3.0, height_um=3.0)
     seen = recorded(predict(lens, process), scale=(1.018, 1.0), field_um=(42.0, 42.0))
