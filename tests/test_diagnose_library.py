@@ -152,6 +152,7 @@ class TestSignatures:
         change = shown - predict(target, fit.parameters).heights_um
         np.testing.assert_allclose(signatures.maps_um[place][0], change / 0.3, atol=1e-6)
 
+    @pytest.mark.slow
     def test_what_a_named_effect_does_is_the_difference_without_it(self, part):
         begun = ParameterSet(paper=PAPER, effects=(library()["curl"](rise_um=0.1),))
         _, fit, signatures, _ = linearised(begun, begun, ("curl",))

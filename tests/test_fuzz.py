@@ -45,6 +45,7 @@ def test_whole_files_are_read(name, tmp_path):
                 pytest.skip("needs an extra")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in TRAPS if name not in HEAVY])
 def test_traps(name):
     assert trapped(name)["faults"] == []
