@@ -124,6 +124,7 @@ def test_the_same_once_more_unturned_would_not_do(noisy):
     assert advise(noisy, members).separation > MORE * repeated
 
 
+@pytest.mark.slow
 def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
     """Pads printed with vignetting and recorded without noise: the best that field curvature can do is as far off."""
     pads = next(setup for setup in new_designs(quiet) if setup.name == "pads")
@@ -157,6 +158,7 @@ def test_vignetting_and_field_curvature_need_a_design(quiet, dome_advice):
     assert float(said) == pytest.approx(dome_advice.separation, rel=0.06)
 
 
+@pytest.mark.slow
 def test_the_command_makes_the_design(dome_advice, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = dome_advice.command.split()

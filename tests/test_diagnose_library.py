@@ -196,6 +196,7 @@ class TestSignatures:
         np.testing.assert_allclose(everywhere, expected(1.0), atol=1e-6)
         np.testing.assert_allclose(change(everywhere < 1e-6), expected(2.0), atol=1e-6)
 
+    @pytest.mark.slow
     def test_they_are_paid_for(self, curled):
         objective, _, signatures, _ = curled
         assert objective.work.predictions > len(signatures.chosen) * 0.1

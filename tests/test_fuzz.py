@@ -15,6 +15,7 @@ from tests.fuzz.watch import watched
 READERS = {reader.name: reader for reader in readers()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files(name):
     found = fuzzed(READERS[name], 500, seed=8)

@@ -160,6 +160,7 @@ class TestComputing:
         many = predict(target, process, numerics=Levels(threads)).heights_um
         np.testing.assert_array_equal(many, printed(target, process))
 
+    @pytest.mark.slow
     @few
     @given(targets(), processes(), st.integers(9, 40))
     def test_tiles_inside_the_levels(self, target, process, side_px):

@@ -7,6 +7,7 @@ import json
 import pickle
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -62,9 +63,18 @@ CALIBRATION = {
 }
 
 
+CORRECTED = TARGET.with_heights(1.2 * TARGET.heights_um)
+
+
+@cache
+def predicted(corrected=False):
+    """Return what the defaults make of the target, or of its corrected design."""
+    return predict(CORRECTED if corrected else TARGET, ParameterSet())
+
+
 def printed(scale=1.0, seed=0):
     """Return a recording of a print: predicted, scaled, with noise and a hole."""
-    heights = scale * predict(TARGET, ParameterSet()).heights_um
+    heights = scale * predicted().heights_um
     heights = heights + np.random.default_rng(seed).normal(scale=0.01, size=TARGET.shape)
     heights[3:6, 4:9] = np.nan
     return TARGET.with_heights(heights)
@@ -109,9 +119,8 @@ def drawn_once(monkeypatch):
 def run(tmp_path):
     """A whole run: one structure with everything, a process, a diagnosis."""
     folder = tmp_path / "bench"
-    corrected = TARGET.with_heights(1.2 * TARGET.heights_um)
-    put(folder / "letter", target=TARGET, recording=printed(), aligned=printed(), corrected=corrected)
-    put(folder / "letter", predicted=predict(TARGET, ParameterSet()), reprinted=predict(corrected, ParameterSet()))
+    put(folder / "letter", target=TARGET, recording=printed(), aligned=printed(), corrected=CORRECTED)
+    put(folder / "letter", predicted=predicted(), reprinted=predicted(corrected=True))
     put(folder / "letter", align=ALIGNMENT, precompensation=CORRECTION)
     inputs = [folder / "letter/target.tif", folder / "letter/aligned.tif"]
     with running(["dlwpredict", "calibrate", "--pair", *map(str, inputs)]):
