@@ -58,9 +58,9 @@ def lab(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lab")
     assert CliRunner().invoke(app, ["init", str(folder)]).exit_code == 0
     parts = {
-        "air": air(size_um=16, pitch_um=0.5, margin_um=4),
-        "cin": cin(size_um=16, pitch_um=0.5, margin_um=4),
-        "new": lens(size_um=16, pitch_um=0.5, margin_um=4),
+        "air": air(size_um=20, pitch_um=0.5, margin_um=4),
+        "cin": cin(size_um=20, pitch_um=0.5, margin_um=4),
+        "new": lens(size_um=20, pitch_um=0.5, margin_um=4),
     }
     for name, part in parts.items():
         write_height_map(folder / "targets" / f"{name}.tif", part)
