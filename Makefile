@@ -41,7 +41,7 @@ demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagn
 test: $(VENV)/.installed ## Run the tests, on all cores
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile
 
-test-fast: $(VENV)/.installed ## Run those tests that take no longer than a few seconds
+test-fast: $(VENV)/.installed ## Run those tests that take no longer than about a second
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not slow"
 
 .PHONY: fuzz test-crash
