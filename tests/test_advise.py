@@ -105,6 +105,7 @@ def test_turning_swaps_the_pitches_and_comes_back():
     np.testing.assert_array_equal(turned(turned(part, 1), -1).heights_um, part.heights_um)
 
 
+@pytest.mark.slow
 def test_lag_and_signed_slope_error_are_told_apart_by_turning_the_sample(noisy):
     members = [LAG, SLOPE]
     assert now(noisy, members) < LEAST
@@ -114,6 +115,7 @@ def test_lag_and_signed_slope_error_are_told_apart_by_turning_the_sample(noisy):
     assert "under the microscope" in advice.sentence and "standard deviations apart" in advice.sentence
 
 
+@pytest.mark.slow
 def test_the_same_once_more_unturned_would_not_do(noisy):
     """What the turn brings is not the second look alone."""
     members = [LAG, SLOPE]
