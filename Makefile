@@ -39,10 +39,10 @@ demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagn
 	@$(BIN)/python -m tests.bench.demo $(DEMO) $(SEVEN)
 
 test: $(VENV)/.installed ## Run the tests, on all cores
-	$(BIN)/python -m pytest -p tests.skipped -n auto --dist loadfile
+	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile
 
-test-fast: $(VENV)/.installed ## Run those tests that take no longer than a few seconds
-	$(BIN)/python -m pytest -p tests.skipped -n auto --dist loadfile -m "not slow"
+test-fast: $(VENV)/.installed ## Run those tests that take no longer than about a second
+	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not slow"
 
 .PHONY: fuzz test-crash
 fuzz: $(VENV)/.installed ## Bad files against every reader (about an hour; FUZZ="--inputs 1000")

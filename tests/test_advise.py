@@ -107,6 +107,7 @@ def test_turning_swaps_the_pitches_and_comes_back():
     np.testing.assert_array_equal(turned(turned(part, 1), -1).heights_um, part.heights_um)
 
 
+@pytest.mark.slow
 def test_short_lines_and_lost_flanks_are_told_apart_by_turning_the_sample(noisy):
     members = [SHORT, FLANKS]
     assert now(noisy, members) < LEAST
@@ -116,6 +117,7 @@ def test_short_lines_and_lost_flanks_are_told_apart_by_turning_the_sample(noisy)
     assert "under the microscope" in advice.sentence and "standard deviations apart" in advice.sentence
 
 
+@pytest.mark.slow
 def test_the_same_once_more_unturned_would_not_do(noisy):
     """What the turn brings is not the second look alone."""
     members = [SHORT, FLANKS]
@@ -126,6 +128,7 @@ def test_the_same_once_more_unturned_would_not_do(noisy):
     assert advise(noisy, members).separation > MORE * repeated
 
 
+@pytest.mark.slow
 def test_no_turn_tells_a_lag_from_a_signed_slope_error(noisy):
     """Both are a shift, and a recording has no place of its own: what is left of either does not turn."""
     members = [LAG, SLOPE]
@@ -137,6 +140,7 @@ def test_no_turn_tells_a_lag_from_a_signed_slope_error(noisy):
     assert "turned" not in advise(noisy, members).setup
 
 
+@pytest.mark.slow
 def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
     """Pads printed with vignetting and recorded without noise: the best that field curvature can do is as far off."""
     pads = next(setup for setup in new_designs(quiet) if setup.name == "pads")
@@ -170,6 +174,7 @@ def test_vignetting_and_field_curvature_need_a_design(quiet, dome_advice):
     assert float(said) == pytest.approx(dome_advice.separation, rel=0.06)
 
 
+@pytest.mark.slow
 def test_the_command_makes_the_design(dome_advice, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = dome_advice.command.split()

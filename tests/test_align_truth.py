@@ -15,7 +15,7 @@ from dlwpredict.process import predict
 from tests.bench.recorder import Truth, record
 
 SMALL = {"size_um": 30.0, "pitch_um": 0.3, "margin_um": 6.0}
-EASY = Truth(pitch_um=(0.3, 0.3), field_um=(60.0, 60.0))
+EASY = Truth(pitch_um=(0.3, 0.3), field_um=(50.0, 50.0))
 
 
 def letter() -> HeightMap:

@@ -133,7 +133,12 @@ def test_bad_inputs(folder, words, kind, case):
 
 @pytest.mark.parametrize("fault", ["no folder", "a folder", "there already", "ending"])
 @pytest.mark.parametrize(
-    "words", [calls[0] for calls in CALLS.values() if "verify" not in calls[0]], ids=lambda w: w[0]
+    "words",
+    [
+        pytest.param(calls[0], marks=[pytest.mark.slow] * (name == "align"), id=name)
+        for name, calls in CALLS.items()
+        if name != "verify"
+    ],
 )
 def test_bad_outputs(folder, words, fault):
     out = next(word for word in words if word.startswith("OUT"))

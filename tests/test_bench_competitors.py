@@ -115,6 +115,7 @@ def test_threshold_keeps_the_false_selections_expected():
         assert competitors.false_selections(tau - 0.01, groups) > competitors.EXPECTED
 
 
+@pytest.mark.slow
 def test_spike_and_slab_names_noise_as_often_as_it_is_told_to():
     screen = made()
     sizes = [SetsOfSize.of(screen, size) for size in (1, 2, 3)]
@@ -191,6 +192,7 @@ def test_recordings_off_their_targets_grid_are_aligned(tmp_path, monkeypatch):
     assert found[0].points == found[1].points > 0
 
 
+@pytest.mark.slow
 def test_a_run_is_told_and_shown(tmp_path, monkeypatch):
     """Every method beside the program's answer; a case that cannot be read is told, not lost."""
     truths = {"a": {"kind": "null", "effects": []}, "b": {"kind": "single", "effects": [effect("galvo-lag")]},

@@ -34,6 +34,7 @@ def off_by(heights, found):
     return worst
 
 
+@pytest.mark.slow
 @given(
     heights=arrays(float, array_shapes(min_dims=2, max_dims=2, min_side=2, max_side=12), elements=st.floats(0, 2)),
     tolerance=st.sampled_from([0.0, 0.1, 0.7, 3.0]),

@@ -152,6 +152,7 @@ class TestSignatures:
         change = shown - predict(target, fit.parameters).heights_um
         np.testing.assert_allclose(signatures.maps_um[place][0], change / 0.3, atol=1e-6)
 
+    @pytest.mark.slow
     def test_what_a_named_effect_does_is_the_difference_without_it(self, part):
         begun = ParameterSet(paper=PAPER, effects=(library()["curl"](rise_um=0.1),))
         _, fit, signatures, _ = linearised(begun, begun, ("curl",))
@@ -195,6 +196,7 @@ class TestSignatures:
         np.testing.assert_allclose(everywhere, expected(1.0), atol=1e-6)
         np.testing.assert_allclose(change(everywhere < 1e-6), expected(2.0), atol=1e-6)
 
+    @pytest.mark.slow
     def test_they_are_paid_for(self, curled):
         objective, _, signatures, _ = curled
         assert objective.work.predictions > len(signatures.chosen) * 0.1

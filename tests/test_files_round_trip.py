@@ -83,6 +83,7 @@ def test_tiff_and_text_keep_everything(tmp_path_factory, part):
         assert (back.dx_um, back.dy_um, back.height_reference) == (part.dx_um, part.dy_um, part.height_reference)
 
 
+@pytest.mark.slow
 @given(part=maps())
 @settings(max_examples=40, deadline=None)
 def test_gsf_x3p_and_npy_keep_heights_and_missing_points(tmp_path_factory, part):

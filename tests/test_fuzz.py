@@ -15,6 +15,7 @@ from tests.fuzz.watch import watched
 READERS = {reader.name: reader for reader in readers()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files(name):
     found = fuzzed(READERS[name], 500, seed=8)
@@ -45,6 +46,7 @@ def test_whole_files_are_read(name, tmp_path):
                 pytest.skip("needs an extra")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in TRAPS if name not in HEAVY])
 def test_traps(name):
     assert trapped(name)["faults"] == []

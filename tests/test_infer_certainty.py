@@ -147,6 +147,7 @@ class TestProfile:
             rise = held(objective, fit, 0, end) - fit.cost
             assert end in (fit.free.low[0], fit.free.high[0]) or np.sqrt(rise) == pytest.approx(NORMAL, rel=0.15)
 
+    @pytest.mark.slow
     def test_is_taken_where_a_straight_line_will_not_do_and_it_was_asked_for(self, objective):
         fit = lowest(objective, choose(ParameterSet(), free=("exposure_fwhm_z_um", "shrinkage_min")))
         null = Null.of(fit.data, fit.rows, [exact(replace(WHITE, white_um=0.1))], 0)

@@ -129,6 +129,7 @@ class TestDescent:
         low, high = descended(objective_of(air, taller), choose(TRUTH, free=KAPPAS)).vector
         assert low <= high
 
+    @pytest.mark.slow
     def test_never_climbs(self, air, printed):
         costs: list[float] = []
         work = Work(seen=lambda fit: costs.append(fit.cost))
@@ -233,6 +234,7 @@ class TestFitter:
         Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS)).best(Start(LOW, settled=settled))
         assert len(looked) == (not settled)
 
+    @pytest.mark.slow
     def test_so_it_does_with_an_effect(self):
         rng, drying = np.random.default_rng(21), library()["edge-drying"]
         truth = ParameterSet(paper=Paper(0.6, 1.8, 0.4, 6.0, 7.0, 0.7, 0.95), effects=(drying(depth_um=0.4),))

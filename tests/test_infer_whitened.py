@@ -211,6 +211,7 @@ def test_a_descent_never_climbs_even_by_wrong_derivatives():
     assert descend(objective, begun).vector == 0.3
 
 
+@pytest.mark.slow
 def test_of_quick_fits_the_lowest_counts_and_it_is_not_converged_where_it_does_not_matter():
     target = designs.air(size_um=20, pitch_um=0.5, margin_um=3)
     truth = ParameterSet(paper=Paper(0.6, 1.5, 0.4, 6.0, 7.0, 0.7, 0.95))

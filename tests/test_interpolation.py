@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlwpredict.numerics.interpolation import read_locally, read_means
+from dlwpredict.numerics.interpolation import moved_along, read_locally, read_means
 
 
 @pytest.mark.parametrize(("pixels", "third"), [(4, 0.0), (6, 0.25)])
@@ -70,3 +70,15 @@ def test_beside_a_wall_four_count():
     assert read_means(wall, np.stack([np.full(4, 4.0), x]), (1.0, 1.0)).tolist() == pytest.approx(
         [1, 1, 6, 6], abs=1e-12
     )
+
+
+@pytest.mark.parametrize("by_px", [0.0, 0.3, -0.75, 2.0, -3.4])
+def test_what_is_moved_is_what_is_read_there_and_its_derivative_is_exact(by_px):
+    plane, step = np.random.default_rng(0).normal(size=(9, 21)), 1e-6
+    row, col = np.indices(plane.shape, dtype=float)
+    moved, by_shift = moved_along(plane, by_px, 1)
+    np.testing.assert_allclose(moved, read_locally(plane, np.stack([row, col - by_px]), 6), atol=1e-12)
+    ahead, behind = (moved_along(plane, by_px + sign * step, 1)[0] for sign in (1, -1))
+    np.testing.assert_allclose(by_shift, (ahead - behind) / (2 * step), atol=1e-4)
+    across, _ = moved_along(plane.T, by_px, 0)
+    np.testing.assert_array_equal(across, moved.T)

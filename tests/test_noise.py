@@ -203,9 +203,11 @@ class TestLines:
         assert sum(one.rows.red_um > 0 or one.rows.hum_um > 0 or one.rows.tilt_um > 0 for one in found) <= 1
         assert not any(one.column_um for one in found)
 
+    @pytest.mark.slow
     def test_where_the_scan_runs_along_columns_rows_are_no_lines_of_it(self):
         assert self.estimated(Lines(0.004), 0, axes=(1,)).row_um == 0
 
+    @pytest.mark.slow
     def test_columns_of_a_scan_along_columns_are_no_structure(self):
         columns = Uneven(self.EVEN, columns=Lines(0.006)).simulate((60, 50), np.random.default_rng(0))
         level, used = np.ones((1, 60, 50)), np.ones((60, 50), dtype=bool)
@@ -271,6 +273,7 @@ def test_spikes_have_no_say_in_the_noise(holes):
     assert dirty.even.length_um == pytest.approx(clean.even.length_um, rel=0.15)
 
 
+@pytest.mark.slow
 def test_kind_of_correlation_is_recognised():
     rng, used, level = np.random.default_rng(4), np.ones((90, 90), dtype=bool), np.ones((1, 90, 90))
     for kind in (1.5, np.inf):
@@ -280,6 +283,7 @@ def test_kind_of_correlation_is_recognised():
         assert found.even.length_um == pytest.approx(1.2, rel=0.25)
 
 
+@pytest.mark.slow
 def test_white_noise_that_was_read_between_its_pixels_is_known_by_its_grain():
     """Taken for white, it may make the noise beside it rougher and longer: a null was called unexplained for it."""
     rng, target, used = np.random.default_rng(8), HeightMap(np.zeros((110, 110)), 0.4, 0.4), np.ones((110, 110), bool)

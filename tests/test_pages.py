@@ -19,8 +19,9 @@ from dlwpredict.heightmap import Instrument
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.spectrum import spectra
 from dlwpredict.noise.unevenness import Uneven
+from dlwpredict.pages import diagnosis
 from dlwpredict.pages.diagnosis import Evidence, PairMaps, parameter_rows, write_page
-from dlwpredict.pages.pictures import coarser, worst_place
+from dlwpredict.pages.pictures import coarser, pictures, worst_place
 from dlwpredict.pages.spectra import spectra as pictures_of_spectra
 from dlwpredict.pages.terminal import lines
 from dlwpredict.parameters import ParameterSet
@@ -138,6 +139,27 @@ def scores():
 @pytest.fixture(scope="module")
 def maps():
     return [pair("air-print.tif", air(pitch_um=1.0, margin_um=3), 0), pair("f-print.tif", f(pitch_um=0.5), 1)]
+
+
+@pytest.fixture(scope="module")
+def pictures_of(maps):
+    """Return `pictures` with a memory: of recordings that are the same, and shown the same, they are drawn once."""
+    known = {}
+
+    def remembered(pair, locations, **shown):
+        drawn_from = (id(value) for name, value in vars(pair).items() if name not in ("name", "measured"))
+        key = (*drawn_from, id(pair.measured.heights_um), repr(locations), repr(shown))
+        if key not in known:
+            known[key] = pair, pictures(pair, locations, **shown)  # the pair as well: it keeps its ids to itself
+        return known[key][1]
+
+    return remembered
+
+
+@pytest.fixture(autouse=True)
+def drawn_once(monkeypatch, pictures_of):
+    """Most of a page's time goes into its pictures, and most tests look at its words."""
+    monkeypatch.setattr(diagnosis, "pictures", pictures_of)
 
 
 def written(path, content, maps, command=COMMAND):
@@ -304,7 +326,8 @@ def test_nothing_outside_the_file_is_asked_for(tmp_path, maps):
 
 
 @pytest.mark.slow
-def test_the_same_diagnosis_gives_the_same_bytes(tmp_path, maps):
+def test_the_same_diagnosis_gives_the_same_bytes(tmp_path, maps, monkeypatch):
+    monkeypatch.setattr(diagnosis, "pictures", pictures)
     assert written(tmp_path / "a.html", ambiguous(), maps) == written(tmp_path / "b.html", ambiguous(), maps)
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["a.html", "b.html"]
 

@@ -84,6 +84,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
 def test_workers_end_with_a_killed_process(tmp_path):
     script = tmp_path / "main.py"

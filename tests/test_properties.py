@@ -97,6 +97,7 @@ class TestSymmetry:
         alone = max(taken_together(target, process)) == 1 and process.readings.crosslink_reference == "bulk"
         assert_same(found, expected, target, process, 0.1 * LEVELS_UM if alone else together_um(expected, process))
 
+    @pytest.mark.slow
     @properties
     @given(targets(), processes(), st.sampled_from([0.5, 2.0]))
     def test_all_lengths_scaled_scale_the_print(self, target, process, factor):
@@ -160,6 +161,7 @@ class TestComputing:
         many = predict(target, process, numerics=Levels(threads)).heights_um
         np.testing.assert_array_equal(many, printed(target, process))
 
+    @pytest.mark.slow
     @few
     @given(targets(), processes(), st.integers(9, 40))
     def test_tiles_inside_the_levels(self, target, process, side_px):

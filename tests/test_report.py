@@ -4,8 +4,10 @@ import base64
 import copy
 import io
 import json
+import pickle
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.metrology.score import score
 from dlwpredict.pages.relief import relief
 from dlwpredict.pages.report import changed_inputs, figures, page
-from dlwpredict.pages.report_pictures import pictures, reachable
+from dlwpredict.pages.report_pictures import lead, pictures, reachable
 from dlwpredict.pages.run_folder import read_run
 from dlwpredict.pages.words import length as words_of
 from dlwpredict.parameters import ParameterSet
@@ -61,9 +63,18 @@ CALIBRATION = {
 }
 
 
+CORRECTED = TARGET.with_heights(1.2 * TARGET.heights_um)
+
+
+@cache
+def predicted(corrected=False):
+    """Return what the defaults make of the target, or of its corrected design."""
+    return predict(CORRECTED if corrected else TARGET, ParameterSet())
+
+
 def printed(scale=1.0, seed=0):
     """Return a recording of a print: predicted, scaled, with noise and a hole."""
-    heights = scale * predict(TARGET, ParameterSet()).heights_um
+    heights = scale * predicted().heights_um
     heights = heights + np.random.default_rng(seed).normal(scale=0.01, size=TARGET.shape)
     heights[3:6, 4:9] = np.nan
     return TARGET.with_heights(heights)
@@ -82,13 +93,34 @@ def put(folder: Path, **files):
     return folder
 
 
+PICTURES_OF = {}
+
+
+def remembered(draw):
+    """Return a drawing function with a memory: of what is the same in all of its bytes, a picture is drawn once."""
+
+    def drawn(structure, pixels):
+        key = draw, pickle.dumps(structure), pixels
+        if key not in PICTURES_OF:
+            PICTURES_OF[key] = draw(structure, pixels)
+        return PICTURES_OF[key]
+
+    return drawn
+
+
+@pytest.fixture(autouse=True)
+def drawn_once(monkeypatch):
+    """Most of a report's time goes into its pictures, and most tests look at its words."""
+    for draw in (lead, pictures):
+        monkeypatch.setattr(f"dlwpredict.pages.report.{draw.__name__}", remembered(draw))
+
+
 @pytest.fixture
 def run(tmp_path):
     """A whole run: one structure with everything, a process, a diagnosis."""
     folder = tmp_path / "bench"
-    corrected = TARGET.with_heights(1.2 * TARGET.heights_um)
-    put(folder / "letter", target=TARGET, recording=printed(), aligned=printed(), corrected=corrected)
-    put(folder / "letter", predicted=predict(TARGET, ParameterSet()), reprinted=predict(corrected, ParameterSet()))
+    put(folder / "letter", target=TARGET, recording=printed(), aligned=printed(), corrected=CORRECTED)
+    put(folder / "letter", predicted=predicted(), reprinted=predicted(corrected=True))
     put(folder / "letter", align=ALIGNMENT, precompensation=CORRECTION)
     inputs = [folder / "letter/target.tif", folder / "letter/aligned.tif"]
     with running(["dlwpredict", "calibrate", "--pair", *map(str, inputs)]):
@@ -238,7 +270,11 @@ PARTS = {
 }
 
 
-@pytest.mark.parametrize("name", PARTS)
+DRAWN = ("print", "prediction and print", "relative heights", "other grid")
+"""Those with many pictures."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(one, marks=[pytest.mark.slow] * (one in DRAWN)) for one in PARTS])
 def test_a_run_with_only_some_of_the_files_still_gives_a_page(name, tmp_path):
     files, shown, pictures = PARTS[name]
     text, whole = text_of(put(tmp_path / "some", **files))
@@ -296,6 +332,7 @@ def test_a_damaged_file_is_named_and_the_rest_is_shown(run):
     assert "The model lacks" in whole and "print of the corrected design" in whole
 
 
+@pytest.mark.slow
 def test_a_corrected_design_is_not_cut_off_in_its_profile(run, monkeypatch):
     seen = []
     monkeypatch.setattr("dlwpredict.pages.report_pictures.uri", lambda figure: seen.append(figure) or "data:,")
@@ -432,7 +469,9 @@ def test_markup_in_names_is_shown_not_obeyed(tmp_path):
 
 
 @pytest.mark.slow
-def test_nothing_outside_the_file_is_asked_for_and_the_same_run_gives_the_same_bytes(run):
+def test_nothing_outside_the_file_is_asked_for_and_the_same_run_gives_the_same_bytes(run, monkeypatch):
+    for draw in (lead, pictures):
+        monkeypatch.setattr(f"dlwpredict.pages.report.{draw.__name__}", draw)
     _, whole = text_of(run)
     assert [one for one in Reader(whole).addresses if not one.startswith("data:")] == []
     assert [one for one in ("http:", "https:", "url(", "@import", "javascript:", "import(") if one in whole] == []

@@ -34,6 +34,7 @@ def test_parts_fill_the_map_but_for_the_margin(bench):
     assert cols[0] * PITCH_UM == pytest.approx(MARGIN_UM)
 
 
+@pytest.mark.slow
 def test_recording_lies_on_the_targets_grid_and_is_noisy(bench):
     recording, surface = bench.map("recording.tif"), bench.map("surface.tif")
     assert recording.shape == surface.shape == (PIXELS, PIXELS)
@@ -51,6 +52,7 @@ def test_what_is_concealed_is_printed(bench):
     assert change[middle, 10] - change[middle, middle] > 0.05, "curl lifts the rim"
 
 
+@pytest.mark.slow
 def test_every_step_is_kept_as_it_was_called(bench):
     commands = [step["command"] for step in bench.steps]
     assert commands[0].startswith("dlwpredict design lens --size-um 28.8")
@@ -70,6 +72,7 @@ def test_a_refusal_is_kept_and_a_success_is_none(bench):
     assert bench.refused("convert", "lens.tif", "copy.tif") == ""
 
 
+@pytest.mark.slow
 def test_off_is_the_rmse_inside_the_rim(bench):
     target = bench.map("lens.tif")
     heights = target.heights_um + 0.25
@@ -142,6 +145,7 @@ def test_round_trip_pools_the_parts():
     assert "| seven parameters | 40.0 |" in trip.table()
 
 
+@pytest.mark.slow
 def test_error_and_profile_leave_out_walls_and_what_is_not_known(bench):
     target = bench.map("lens.tif")
     shifted = target.with_heights(target.heights_um + 0.1 * (target.x_um > 0)[None, :])

@@ -55,7 +55,7 @@ def commands() -> set[str]:
 def inputs(folder: Path) -> None:
     """Write the inputs of all commands."""
     rng = np.random.default_rng(0)
-    target = designs.air(size_um=24.0, pitch_um=0.5, margin_um=4.0)
+    target = designs.air(size_um=18.0, pitch_um=0.5, margin_um=3.0)
     printed = predict(target, PRINTED)
     noisy = printed.with_heights(printed.heights_um + rng.normal(scale=0.01, size=target.shape))
     write_height_map(folder / "target.tif", target)
