@@ -268,7 +268,7 @@ class TestSearch:
         """The quick fit of one of two effects brings 10; begun at both it brings 95."""
 
         def named_by(parameters):
-            return SimpleNamespace(names=[effect.name for effect in parameters.effects])
+            return SimpleNamespace(names=[effect.name for effect in parameters.effects], base=parameters)
 
         found, begun = search({CURL: 10.0, CURL + FIELD: 100.0}), []
         better = search({CURL: 95.0, FIELD: 95.0}).fitted
@@ -290,6 +290,14 @@ class TestSearch:
     def test_what_scatters_more_must_gain_more(self):
         assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}
         assert search({CURL: 40.0}, curl=1.9).best() == frozenset()
+
+    def test_an_effect_whose_place_was_looked_for_must_gain_what_that_costs(self):
+        assert search({CURL: 40.0}).best() == {"curl"}
+        for price, names in ((20.0, {"curl"}), (40.0, set())):
+            found = search({CURL: 40.0})
+            found.place_price = {"curl": price}
+            assert found.best() == names
+            assert found.priced(found.fitted[frozenset(CURL)]) == pytest.approx(960.0 + found.price(1) + price)
 
     def test_a_form_error_is_no_noise_and_does_not_grow_with_what_scatters(self):
         """Beside 1000, of which a name may take 30, one that scatters twice as much must gain 4 · 7 + 30."""

@@ -118,11 +118,12 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
         members.append(member)
     share = sum(weights[member] for member in members)
     reduced = search.without(best, name)
+    sure = search.surely(best, name) - search.place_price.get(name, 0.0)
     odds = (search.surely(best, name) - search.needed(best, name)) / search.spread.get(name, 1.0) ** 2 / 2
     return Named(
         effect_of(fit.parameters, name),
         gain,
-        search.asked.p_value(search.surely(best, name) / search.spread.get(name, 1.0) ** 2),
+        search.asked.p_value(sure / search.spread.get(name, 1.0) ** 2),
         float(1 / (1 + np.exp(-min(odds, 500.0)))),
         fit,
         reduced,

@@ -10,6 +10,7 @@ import numpy as np
 
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.judge import Diagnosis, Judge, registered
+from dlwpredict.diagnosis.library.seams import seams
 from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.search import Names, Search
 from dlwpredict.diagnosis.structure.blemishes import Blemish
@@ -129,7 +130,9 @@ def diagnose(
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
     objective = Objective(first.data, PARAMETERS, work)
     tell(Stage.of("signatures", "what each named effect would change"))
-    signatures: dict[Names, Signatures] = {frozenset(): Signatures.of(first, (), work, workers)}
+    found = seams(first, work)
+    places = {"stitching": found.settings} if found.settings else {}
+    signatures: dict[Names, Signatures] = {frozenset(): Signatures.of(first, (), work, workers, places)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
     designs = _designs(first, signatures[frozenset()], objective)
 
@@ -153,7 +156,7 @@ def diagnose(
             baseline = fitter.best(Start(first.parameters))
             null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
             judge = Judge(recordings, noise, baseline, fitter, null, apart, left_out)
-            search = Search(fitter, null, baseline, signatures)
+            search = Search(fitter, null, baseline, signatures, places, {"stitching": found.price})
             keep(judge.answer(search, frozenset(), complete=False))
             tell(Stage.of("refits", "refitting the leading sets of effects"))
             search.begin_with(ended)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlwpredict.diagnosis import policy
+from dlwpredict.diagnosis.library.candidates import Placed
 from dlwpredict.diagnosis.library.process_form import standing
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
 from dlwpredict.diagnosis.library.signatures import Signatures
@@ -34,6 +35,10 @@ class Search:
     baseline : Fit
     signatures : dict
         Signatures by names of the model that they were taken at: they outlive a noise model.
+    places : mapping of str to sequence of dict
+        Where an effect may sit.
+    place_price : dict
+        Name to what choosing its place costs, 2 ln L.
     fitted : dict
         Best fits by names of their effects, the baseline's own aside.
     spread : dict
@@ -48,6 +53,8 @@ class Search:
     null: Null
     baseline: Fit
     signatures: dict[Names, Signatures]
+    places: Placed = field(default_factory=dict)
+    place_price: dict[str, float] = field(default_factory=dict)
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
     stood: dict[Names, tuple[Fit, dict[str, float]]] = field(default_factory=dict)
@@ -104,7 +111,8 @@ class Search:
     def priced(self, fit: Fit) -> float:
         """Return what a fit costs, with the price of its switches."""
         own = self.names(fit.parameters)
-        return fit.cost + self.price(sum(on(fit.parameters, name) for name in own))
+        places = sum(self.place_price.get(name, 0.0) for name in own)
+        return fit.cost + self.price(sum(on(fit.parameters, name) for name in own)) + places
 
     @property
     def form_error(self) -> float:
@@ -117,7 +125,7 @@ class Search:
         """Return what an effect of a set must gain beside the others: what noise gives along it, and form errors."""
         more = on(self.fitted[names].parameters, name) - (len(names) == 1)
         noise = more * self.asked.next + (self.asked.first if len(names) == 1 else 0.0)
-        return noise * self.spread.get(name, 1.0) ** 2 + more * self.form_error
+        return noise * self.spread.get(name, 1.0) ** 2 + more * self.form_error + self.place_price.get(name, 0.0)
 
     def near(self, best: Names) -> list[Start]:
         """Return where the best fit is, and those that come near it: another noise model might prefer them.
@@ -166,7 +174,9 @@ class Search:
             objective = self.fitter.objective
             for earlier in self.signatures.keys() - {frozenset()}:
                 del self.signatures[earlier]  # they are large, and a set that was left is seldom come back to
-            self.signatures[names] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers)
+            self.signatures[names] = Signatures.of(
+                model, sorted(names), objective.work, self.fitter.workers, self.places
+            )
         screen = Linearised.of(self.signatures[names], model, self.null, self.fitter.objective)
         for k in np.argsort(np.abs(screen.z), kind="stable"):
             self.spread[screen.chosen[k].name] = float(screen.spread[k])

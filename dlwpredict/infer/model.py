@@ -54,8 +54,14 @@ def moving(parameters: ParameterSet, like: Free) -> Free:
 
 
 def key_of(free: Free) -> Key:
-    """Return what makes a model: the names that move."""
-    return tuple(sorted(free.names))
+    """Return what makes a model: the names that move, and what no fit moves of its effects where that is not usual."""
+    settings = [
+        f"{effect.name}.{name}={getattr(effect, name):.9g}"
+        for effect in free.base.effects
+        for name, (default, declared) in declarations(effect).items()
+        if not declared.fitted and getattr(effect, name) != default
+    ]
+    return tuple(sorted([*free.names, *settings]))
 
 
 def levelled(kind: type[Effect], name: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,11 @@ height tells them apart."""
 
 SHAPES = (0.5, 1.0, 2.0)
 """Lengths are tried at these multiples of their default, inside the declared range."""
+
+Placed = Mapping[str, Sequence[dict[str, float]]]
+"""Name of an effect to the places where it may sit, as settings that no fit moves."""
+
+NOWHERE: Placed = {}
 
 WAVES = (0.5, 0.625, 0.8, 1.0, 1.25, 1.6, 2.0)
 """Periods are tried closer: two waves differ where they are half a period apart over the map's relief."""
@@ -121,18 +126,20 @@ class Bent(Candidate):
         return super().at(self.direction * float(np.sqrt(max(share, 0.0))))
 
 
-def candidates(parameters: ParameterSet, named: Sequence[str] = ()) -> list[Candidate]:
+def candidates(parameters: ParameterSet, named: Sequence[str] = (), placed: Placed = NOWHERE) -> list[Candidate]:
     """Return every candidate: effects that a process has not, and other switches of those that a diagnosis has named.
 
-    An effect was named by the switch that promised most; where several of its own are on, each could do alone.
+    An effect was named by the switch that promised most; where several of its own are on, each could do alone. One that
+    has a place is tried at each where it may sit.
     """
     present = {effect.name: effect for effect in parameters.effects}
     new = [
-        Candidate(kind(**shape), switch)
+        Candidate(kind(**shape, **place), switch)
         for name, kind in library().items()
         if name not in present and name not in NO_CANDIDATES
         for switch in _fitted(kind)
         for shape in _shapes(kind, switch)
+        for place in placed.get(name, [{}])
     ]
     return new + [one for name in named for one in _further(present[name])]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlwpredict.diagnosis.library.candidates import Candidate, candidates
+from dlwpredict.diagnosis.library.candidates import NOWHERE, Candidate, Placed, candidates
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.model import holding, lacking
 from dlwpredict.infer.objective import Fit, Work
@@ -44,19 +44,42 @@ class Signatures:
     done_um: dict[str, list[np.ndarray]]
 
     @classmethod
-    def of(cls, fitted: Fit, named: Sequence[str], work: Work, workers: Workers = ALONE) -> Signatures:
-        """Compute them where a fit is; `named` are its effects that a diagnosis has added."""
-        targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
-        chosen = candidates(parameters, named)
-        used = [item.recording.used for item in fitted.data]
-        seen = list(zip(targets, used, fitted.traces, strict=True))
-        jobs = [(candidate, *one, parameters) for candidate in chosen for one in seen]
-        shares = [target.heights_um.size / sum(grid.heights_um.size for grid in targets) for target in targets]
-        changes, per = workers.each(_change, jobs), len(targets)
-        work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(changes))
-        maps = [change for change, _ in changes]
-        done = {name: done_by(fitted, name, work) for name in named}
-        return cls(fitted, chosen, [maps[k * per : (k + 1) * per] for k in range(len(chosen))], done)
+    def of(
+        cls, fitted: Fit, named: Sequence[str], work: Work, workers: Workers = ALONE, placed: Placed = NOWHERE
+    ) -> Signatures:
+        """Compute them where a fit is.
+
+        Parameters
+        ----------
+        fitted : Fit
+        named : sequence of str
+            Its effects that a diagnosis has added.
+        work : Work
+        workers : Workers
+        placed : mapping of str to sequence of dict
+            Where an effect may sit, as its settings.
+        """
+        chosen = candidates(fitted.parameters, named, placed)
+        maps = _changes(fitted, chosen, work, workers)
+        return cls(fitted, chosen, maps, {name: done_by(fitted, name, work) for name in named})
+
+
+def change_of(fitted: Fit, candidate: Candidate, work: Work) -> list[np.ndarray]:
+    """Return what a candidate would change in every recording per typical size, µm, shape (rows, cols) each."""
+    return _changes(fitted, [candidate], work, ALONE)[0]
+
+
+def _changes(fitted: Fit, chosen: Sequence[Candidate], work: Work, workers: Workers) -> list[list[np.ndarray]]:
+    """Return what candidates would change in every recording, as of `Signatures.maps_um`."""
+    targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
+    used = [item.recording.used for item in fitted.data]
+    seen = list(zip(targets, used, fitted.traces, strict=True))
+    jobs = [(candidate, *one, parameters) for candidate in chosen for one in seen]
+    shares = [target.heights_um.size / sum(grid.heights_um.size for grid in targets) for target in targets]
+    changes, per = workers.each(_change, jobs), len(targets)
+    work.predictions += sum(spent * shares[k % per] for k, (_, spent) in enumerate(changes))
+    maps = [change for change, _ in changes]
+    return [maps[k * per : (k + 1) * per] for k in range(len(chosen))]
 
 
 def done_by(fitted: Fit, name: str, work: Work) -> list[np.ndarray]:
