@@ -63,6 +63,12 @@ def test_sums_behind_a_place_are_those_of_its_points():
     np.testing.assert_allclose(cut, 0.75 * whole[0] + 0.25 * whole[1], atol=1e-12)
 
 
+def test_points_of_a_single_line_are_behind_a_place_or_not():
+    beyond = _Beyond(np.full(4, 2.0), np.ones((4, 1)), np.arange(8.0).reshape(4, 2))
+    behind = beyond.sums(np.array([-9.0, 9.0]), (0, 0.0, np.inf), None)
+    np.testing.assert_array_equal(behind, [[12.0, 16.0], [0.0, 0.0]])
+
+
 def test_every_place_is_a_candidate_and_a_model_of_its_own():
     places = [{"seam_um": 2.0, "angle_deg": 0.0}, {"seam_um": -3.0, "angle_deg": 90.0}]
     some = [one for one in candidates(ParameterSet(), placed={"stitching": places}) if one.switch == "step_um"]

@@ -122,8 +122,8 @@ class _Beyond:
 
     def __init__(self, along: np.ndarray, first: np.ndarray, second: np.ndarray) -> None:
         lines, line = np.unique(np.round(along, 6), return_inverse=True)
-        middles = (lines[1:] + lines[:-1]) / 2
-        self.edges = np.concatenate([[2 * lines[0] - middles[0]], middles, [2 * lines[-1] - middles[-1]]])
+        half = np.diff(lines).min(initial=1.0) / 2
+        self.edges = np.concatenate([lines[:1] - half, (lines[1:] + lines[:-1]) / 2, lines[-1:] + half])
         sums = np.stack([_of_lines(line, column[:, None] * second) for column in first.T])
         behind = np.flip(np.cumsum(np.flip(sums, 1), axis=1), 1)
         self.behind = np.concatenate([behind, np.zeros_like(behind[:, :1])], axis=1)
