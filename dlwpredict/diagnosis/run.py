@@ -130,7 +130,7 @@ def diagnose(
     recordings, first = rough([doubted(r) for r in recordings], free, PARAMETERS, work)
     objective = Objective(first.data, PARAMETERS, work)
     tell(Stage.of("signatures", "what each named effect would change"))
-    found = seams(first, work)
+    found = seams(first)
     places = {"stitching": found.settings} if found.settings else {}
     signatures: dict[Names, Signatures] = {frozenset(): Signatures.of(first, (), work, workers, places)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]

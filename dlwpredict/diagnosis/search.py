@@ -111,8 +111,11 @@ class Search:
     def priced(self, fit: Fit) -> float:
         """Return what a fit costs, with the price of its switches."""
         own = self.names(fit.parameters)
-        places = sum(self.place_price.get(name, 0.0) for name in own)
-        return fit.cost + self.price(sum(on(fit.parameters, name) for name in own)) + places
+        return fit.cost + self.price(sum(on(fit.parameters, name) for name in own)) + self._placing(own)
+
+    def _placing(self, names: Names) -> float:
+        """Return what choosing the places of some effects costs."""
+        return sum(self.place_price.get(name, 0.0) for name in names)
 
     @property
     def form_error(self) -> float:
@@ -159,7 +162,8 @@ class Search:
         screen, cost = self.screen(names), self.fitted[names].cost
         others = [one for one in Sets.of(screen, self.price).ranked if one.names != names]
         ends = [self.fitted[one.names].cost if one.names in self.fitted else screen.cost - one.gain for one in others]
-        return max((cost - end for end in ends), default=0.0)
+        gains = [cost - end - self._placing(one.names) for one, end in zip(others, ends, strict=True)]
+        return max(gains, default=0.0)
 
     def screen(self, names: Names) -> Linearised:
         """Linearise about the best fit of a set, once."""

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlwpredict.diagnosis.library.candidates import Candidate
-from dlwpredict.diagnosis.library.signatures import change_of
 from dlwpredict.effects.stitching import Stitching, across
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.objective import Fit, Work
+from dlwpredict.infer.objective import Fit
+from dlwpredict.infer.whitened import gradient
 
 ANGLES_DEG = (0.0, 90.0)
 """Directions across the seams that are looked for: printers move their stage along its axes."""
@@ -24,9 +23,6 @@ FINER = 4
 
 RIM_UM = 3.0
 """A seam nearer to the end of the written part is none that could be told from the part's edge."""
-
-EVERYWHERE_UM = -1000.0
-"""Place of a seam that all of the part stands behind."""
 
 Interval = tuple[int, float, float]
 
@@ -52,7 +48,7 @@ class Seams:
         return 2 * float(np.log(max(self.tried, 1)))
 
 
-def seams(fit: Fit, work: Work) -> Seams:
+def seams(fit: Fit) -> Seams:
     """Find the best places of a seam beside everything that a fit may move, its noise taken as white.
 
     A seam may raise the block behind it, displace it along x or y, or be a ridge of its own (a strip that was exposed
@@ -62,11 +58,9 @@ def seams(fit: Fit, work: Work) -> Seams:
     ----------
     fit : Fit
         With derivatives, on recordings whose whitening is that of white noise.
-    work : Work
     """
-    uniform = [Candidate(Stitching(seam_um=EVERYWHERE_UM), name) for name in ("step_um", "shift_x_um", "shift_y_um")]
-    changes = [change_of(fit, candidate, work) for candidate in uniform]
-    columns = fit.seen_in_all([np.stack(own) for own in zip(*changes, strict=True)])
+    changes = [_of_all(item.recording.target, one.heights_um) for item, one in zip(fit.data, fit.traces, strict=True)]
+    columns = fit.seen_in_all(changes)
     residual, strip_um = fit.beside(fit.residual), Stitching().width_um
     blocks: tuple[Interval, ...] = ((0, 0.0, np.inf), (1, 0.0, np.inf), (2, 0.0, np.inf), (0, -strip_um, strip_um))
     settings, tried = [], 0
@@ -93,6 +87,17 @@ def seams(fit: Fit, work: Work) -> Seams:
         settings.append({"seam_um": float(places[int(np.argmax(gains))]), "angle_deg": angle_deg})
         tried += len(places) // FINER
     return Seams(tuple(settings), tried)
+
+
+def _of_all(target: HeightMap, printed_um: np.ndarray) -> np.ndarray:
+    """Return what raising all of a part by 1 µm, and displacing it along x and y, changes; shape (3, rows, cols).
+
+    As much higher as the print is of what was to be written there: enough to find a place.
+    """
+    written = target.heights_um > 0
+    share = np.divide(printed_um, target.heights_um, out=np.zeros(target.shape), where=written)
+    right, down = gradient(printed_um, target.dx_um, 1), gradient(printed_um, target.dy_um, 0)
+    return np.stack([np.clip(share, 0, 1), -right, down])
 
 
 def _places(fit: Fit, angle_deg: float) -> np.ndarray:

@@ -64,11 +64,6 @@ class Signatures:
         return cls(fitted, chosen, maps, {name: done_by(fitted, name, work) for name in named})
 
 
-def change_of(fitted: Fit, candidate: Candidate, work: Work) -> list[np.ndarray]:
-    """Return what a candidate would change in every recording per typical size, µm, shape (rows, cols) each."""
-    return _changes(fitted, [candidate], work, ALONE)[0]
-
-
 def _changes(fitted: Fit, chosen: Sequence[Candidate], work: Work, workers: Workers) -> list[list[np.ndarray]]:
     """Return what candidates would change in every recording, as of `Signatures.maps_um`."""
     targets, parameters = [item.recording.target for item in fitted.data], fitted.parameters
