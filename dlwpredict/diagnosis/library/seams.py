@@ -59,7 +59,10 @@ def seams(fit: Fit) -> Seams:
     fit : Fit
         With derivatives, on recordings whose whitening is that of white noise.
     """
-    changes = [_of_all(item.recording.target, one.heights_um) for item, one in zip(fit.data, fit.traces, strict=True)]
+    changes = [
+        _of_all(item.recording.target, np.nan_to_num(one.heights_um))
+        for item, one in zip(fit.data, fit.traces, strict=True)
+    ]
     columns = fit.seen_in_all(changes)
     residual, strip_um = fit.beside(fit.residual), Stitching().width_um
     blocks: tuple[Interval, ...] = ((0, 0.0, np.inf), (1, 0.0, np.inf), (2, 0.0, np.inf), (0, -strip_um, strip_um))
