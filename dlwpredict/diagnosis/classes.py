@@ -98,7 +98,7 @@ def named_in(search: Search, best: Names, left: float) -> list[Named]:
     left : float
         2 ln L beyond noise that the set leaves, 0 where that is chance.
     """
-    return sorted((_named(search, best, name, left) for name in best), key=lambda slot: -slot.gain)
+    return sorted((_named(search, best, name, left) for name in sorted(best)), key=lambda slot: -slot.gain)
 
 
 def _named(search: Search, best: Names, name: str, left: float) -> Named:

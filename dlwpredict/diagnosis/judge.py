@@ -148,8 +148,8 @@ class Judge:
 
     def model(self, search: Search, names: Names) -> Model:
         """Return the tests of the best fit of a set."""
-        if names not in self.models:
-            fit, columns = search.converged(names), self.baseline.columns
+        fit, columns = search.converged(names), self.baseline.columns
+        if names not in self.models or self.models[names].fit is not fit:
             model = Model.of(fit, self.forms, self.bumps, columns, self.null, self.left_out)
             self.models = {frozenset(): self.baseline, names: model}
         return self.models[names]

@@ -19,7 +19,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.baseline import fitter_of, rough, unsaid
 from dlwpredict.infer.fitter import Start
 from dlwpredict.infer.free import choose
-from dlwpredict.infer.model import freed
+from dlwpredict.infer.model import freed, key_of
 from dlwpredict.infer.noises import noises
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective, Work, nothing
@@ -132,9 +132,9 @@ def diagnose(
     tell(Stage.of("signatures", "what each named effect would change"))
     found = seams(first)
     places = {"stitching": found.settings} if found.settings else {}
-    signatures: dict[Names, Signatures] = {frozenset(): Signatures.of(first, (), work, workers, places)}
+    signatures = {key_of(first.free): Signatures.of(first, (), work, workers, places)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
-    designs = _designs(first, signatures[frozenset()], objective)
+    designs = _designs(first, signatures[key_of(first.free)], objective)
 
     def noise_beside(fit: Fit) -> list[NoiseEstimate]:
         """Estimate the noise from what a fit leaves."""
@@ -162,12 +162,13 @@ def diagnose(
             search.begin_with(ended)
         beside, blemish = best, None if best else judge.blemish(search, best)  # beside names refits must tell
         if not blemish:
+            known = search.key(beside)
             best, rounds = search.round(), rounds + 1
             blemish = judge.blemish(search, beside)
         if blemish:
             best, left_out = beside, [*left_out, blemish]
             recordings = [blemish.left_out_of(r) if k == blemish.pair else r for k, r in enumerate(recordings)]
-        elif best == beside:
+        elif search.key(best) == known:
             break
         keep(judge.answer(search, best, complete=False))
         better, first, ended = noise_beside(search.fitted[best]), baseline, search.near(best)

@@ -34,7 +34,7 @@ class Search:
     null : Null
     baseline : Fit
     signatures : dict
-        Signatures by names of the model that they were taken at: they outlive a noise model.
+        Signatures by the model that they were taken at: they outlive a noise model.
     places : mapping of str to sequence of dict
         Where an effect may sit.
     place_price : dict
@@ -52,7 +52,7 @@ class Search:
     fitter: Fitter
     null: Null
     baseline: Fit
-    signatures: dict[Names, Signatures]
+    signatures: dict[Key, Signatures]
     places: Placed = field(default_factory=dict)
     place_price: dict[str, float] = field(default_factory=dict)
     fitted: dict[Names, Fit] = field(default_factory=dict)
@@ -79,16 +79,17 @@ class Search:
         effects are looked for whose place a width has taken.
         """
         before = self.rested()
+        known = self.key(before)
         sets = Sets.of(self.screen(before), self.price)
         model = self.fitted[before]
         leading = sets.leading(before, self.width_of_set(before))
         starts = [start for subset in leading for start in self._starts(model, sets, subset)]
         self._refit(start for start in starts if not self.fitter.has(start))
         best = self.rested()
-        if best == before:
+        if self.key(best) == known:
             self._settle(before)
             best = self.rested()
-        if best == before:
+        if self.key(best) == known:
             self._refit(self._behind_widths(model, sets.screen))
             self._settle(before)
             best = self.rested()
@@ -137,7 +138,7 @@ class Search:
         """
         here, gain = self.fitted[best].cost, self.baseline.cost - self.fitted[best].cost
         limit = here + max(self.width_of_set(best), policy.SHORT * gain if len(best) == 1 else 0.0)
-        reduced = [best - {name} for name in best]
+        reduced = [best - {name} for name in sorted(best)]
         others = [names for names in self.fitted if names != best]
         near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
         return [self._start(names) for names in (best, *near)]
@@ -165,23 +166,25 @@ class Search:
         gains = [cost - end - self._placing(one.names) for one, end in zip(others, ends, strict=True)]
         return max(gains, default=0.0)
 
+    def key(self, names: Names) -> Key:
+        """Return what model the best fit of a set is: the same names by other switches are another."""
+        return key_of(self.fitted[names].free)
+
     def screen(self, names: Names) -> Linearised:
         """Linearise about the best fit of a set, once."""
-        if names not in self.screens:
+        if names not in self.screens or self.screens[names].model is not self.fitted[names]:
             self.screens[names] = self.linearised(names)
         return self.screens[names]
 
     def linearised(self, names: Names) -> Linearised:
         """Linearise about the best fit of a set; signatures are taken there once."""
-        model = self.fitted[names]
-        if names not in self.signatures:
+        model, key = self.fitted[names], self.key(names)
+        if key not in self.signatures:
             objective = self.fitter.objective
-            for earlier in self.signatures.keys() - {frozenset()}:
-                del self.signatures[earlier]  # they are large, and a set that was left is seldom come back to
-            self.signatures[names] = Signatures.of(
-                model, sorted(names), objective.work, self.fitter.workers, self.places
-            )
-        screen = Linearised.of(self.signatures[names], model, self.null, self.fitter.objective)
+            for earlier in self.signatures.keys() - {self.key(frozenset())}:
+                del self.signatures[earlier]  # they are large, and a model that was left is seldom come back to
+            self.signatures[key] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers, self.places)
+        screen = Linearised.of(self.signatures[key], model, self.null, self.fitter.objective)
         for k in np.argsort(np.abs(screen.z), kind="stable"):
             self.spread[screen.chosen[k].name] = float(screen.spread[k])
         self.spread |= dict(zip(screen.named, map(float, screen.named_spread), strict=True))
@@ -258,10 +261,10 @@ class Search:
         """
         more = [names for names in self.fitted if names > best and len(names) == len(best) + 1]
         own = [names for names in more if names in self.stood and not self._admissible(names)]
-        own = [names for names in own if all(self.gain(names, name) >= self.needed(names, name) for name in names)]
+        own = [names for names in own if all(self.gain(names, name) >= self.needed(names, name) for name in sorted(names))]
         short = [names for names in more if self._lacks_form_error(best, names)]
         names = sorted({*own, *short}, key=lambda names: self.fitted[names].cost)
-        return [name for one in names for name in one - best]
+        return [name for one in names for name in sorted(one - best)]
 
     def _lacks_form_error(self, best: Names, names: Names) -> bool:
         """Tell whether one more effect gains what noise hardly ever gives any, but what a form may be wrong by."""
@@ -280,7 +283,7 @@ class Search:
 
     def _admissible(self, names: Names) -> bool:
         """Tell whether every effect of a set gains its own; and whether all together do."""
-        return all(self.surely(names, name) >= self.needed(names, name) for name in names)
+        return all(self.surely(names, name) >= self.needed(names, name) for name in sorted(names))
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
         """Return where the refit of a set begins: what stays of the model, as fitted alone, with what comes in."""
