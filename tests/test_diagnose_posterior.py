@@ -287,6 +287,18 @@ class TestSearch:
         assert begun == ([] if settled else [found.fitted[both]])
         assert Search.without(found, both, "curl").cost == 905.0, "each of its effects in turn"
 
+    def test_the_same_names_by_other_switches_are_another_model(self, monkeypatch):
+        """Asked for again, a set that other switches fit better is linearised anew: its key is another one."""
+        found = search({CURL: 100.0, CURL + FIELD: 110.0})
+        monkeypatch.setattr(Toy, "linearised", lambda self, names: SimpleNamespace(model=self.fitted[names]))
+        curl, first = frozenset(CURL), found.fitted[frozenset(CURL)]
+        for fit, names in ((first, ("curl.sag_um",)), (better := search({CURL: 150.0}).fitted[curl], ("curl.tip_um",))):
+            fit.free = SimpleNamespace(names=names, base=fit.parameters)
+        key, screen = found.key(curl), found.screen(curl)
+        assert screen.model is first and found.screen(curl) is screen
+        found._keep([better])
+        assert found.key(curl) != key and found.screen(curl).model is better
+
     def test_what_scatters_more_must_gain_more(self):
         assert search({CURL: 40.0}, curl=1.8).best() == {"curl"}
         assert search({CURL: 40.0}, curl=1.9).best() == frozenset()

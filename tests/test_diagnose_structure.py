@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from dlwpredict import designs
 from dlwpredict.diagnosis import policy
@@ -34,9 +35,10 @@ PADS = (4, 14, 4, 24), (4, 14, 30, 36), (20, 26, 6, 14), (20, 44, 18, 40), (32, 
 """Rows and columns of pads of different sizes, on which the edges of one side are not those of another."""
 
 
-def white_item(grid=GRID):
+def white_item(grid=GRID, used=None):
     """Return a recording in which noise is white already, of `SIGMA_UM`."""
-    recording = SimpleNamespace(used=np.ones(grid.shape, bool), target=grid, measured=grid, points=grid.heights_um.size)
+    used = np.ones(grid.shape, bool) if used is None else used
+    recording = SimpleNamespace(used=used, target=grid, measured=grid, points=used.sum())
     whitener = SimpleNamespace(transposed=lambda values: values / SIGMA_UM, solve=lambda white: white * SIGMA_UM)
     return SimpleNamespace(recording=recording, whitener=whitener)
 
@@ -129,6 +131,18 @@ class TestSpot:
         squares = np.mean([bumps.scores(rng.standard_normal(4200)) ** 2 for _ in range(60)], axis=0)
         assert squares[:, 12:-12, 12:-12].mean(axis=(1, 2)) == pytest.approx(1, abs=0.15)
 
+    def test_scores_are_standard_deviations_on_islands_as_well(self):
+        """Where steep flanks are left out a few points stay here and there; what lies between them says nothing."""
+        holes = np.random.default_rng(4).random((60, 70)) > 0.03
+        grid = HeightMap(np.ones(holes.shape), 0.4, 0.4)
+        islands = np.where(ndimage.binary_dilation(~holes), 1.0, np.nan)
+        item = Whitened.of(
+            prepare(grid, grid.with_heights(islands), wall_px=0), Uneven(Noise(0.002, 0.006, 1.0, 0.4, 0.4))
+        )
+        bumps, rng, used = Bumps.of(item), np.random.default_rng(9), item.recording.used
+        squares = np.mean([bumps.scores(rng.standard_normal(used.sum())) ** 2 for _ in range(60)], axis=0)
+        assert squares[:, used].mean(axis=1) == pytest.approx(1, abs=0.1)
+
 
 class TestBlemish:
     @staticmethod
@@ -156,6 +170,21 @@ class TestBlemish:
         left = found.left_out_of(recording)
         assert not left.used[found.points].any()
         assert (left.used == recording.used)[~found.points].all() and recording.used[found.points].any()
+
+    def test_a_spike_is_none_and_a_particle_beside_walls_is_one(self, item, null, noise):
+        """Of a particle that shows on few points a bump as narrow as a pixel explains most, but a wide one too."""
+        spike = np.zeros(GRID.shape)
+        spike[40, 45] = 1.0
+        found, lone = self.of(spike, item, null, noise, 0.0)
+        assert lone.p_value < SINGLE and found is None
+        used = np.zeros(GRID.shape, bool)
+        used[::9, ::9] = used[1::9, ::9] = used[::9, 1::9] = True
+        few = white_item(used=used)
+        particle = np.exp(-((GRID.x_um - 4.2) ** 2 + (GRID.y_um[:, None] + 3.0) ** 2) / (2 * 0.8**2))[used]
+        rng = np.random.default_rng(7)
+        some = Null(rng.standard_normal((used.sum(), 200)).astype(np.float32))
+        found, _ = self.of(particle, few, some, rng.standard_normal(used.sum()), 0.0)
+        assert found is not None and found.points[used][particle > 0.5].all()
 
     def test_noise_has_none_and_what_is_wide_is_none(self, item, null, noise):
         wide = np.exp(-(GRID.x_um**2 + GRID.y_um[:, None] ** 2) / (2 * 6.0**2)) - 0.5

@@ -146,9 +146,6 @@ def test_a_blemish_takes_no_name_and_hides_none():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="since the place of a recording is open, the second particle stays in; not traced"
-)
 def test_a_blemish_is_left_out_of_both_recordings():
     assert {one.pair for one in particle_on_both().blemishes} == {0, 1}
 

@@ -34,7 +34,8 @@ order the sag of a field stood a fifth behind its tilt, and refitted it was the 
 more refit at every place."""
 
 HALF = 0.5
-"""An effect that explains less than this share of what the best explains, to first order, is not refitted first."""
+"""An effect that explains less than this share of what the best explains, to first order, is not refitted first. And a
+spot of which wider bumps explain less is no wider than a pixel: a spike, or what is left of a corner."""
 
 ROUNDS = 6
 """Linearise, enumerate, refit, estimate the noise beside the best set: at most so often; one effect takes two rounds,

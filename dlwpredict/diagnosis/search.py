@@ -261,7 +261,7 @@ class Search:
         """
         more = [names for names in self.fitted if names > best and len(names) == len(best) + 1]
         own = [names for names in more if names in self.stood and not self._admissible(names)]
-        own = [names for names in own if all(self.gain(names, name) >= self.needed(names, name) for name in sorted(names))]
+        own = [names for names in own if all(self.gain(names, one) >= self.needed(names, one) for one in sorted(names))]
         short = [names for names in more if self._lacks_form_error(best, names)]
         names = sorted({*own, *short}, key=lambda names: self.fitted[names].cost)
         return [name for one in names for name in sorted(one - best)]

@@ -54,7 +54,8 @@ def blemish(model: Model, bumps: Bumps, promised: float) -> Blemish | None:
         return None
     score, used = bumps.scores(fit.residual[fit.rows.of(lone.pair)]), bumps.item.recording.used
     scale, row, col = np.unravel_index(np.argmax(np.abs(score)), score.shape)
-    if scale == 0:  # as narrow as a pixel: a spike, or what is left of a corner
+    if np.max(score[1:] ** 2) < policy.HALF * np.max(score**2):  # no wider than a pixel: a spike, or left of a corner
         return None
-    points = patch(mismatch(score[: scale + 1], used), int(row), int(col))  # wider bumps would see it farther away
+    seen = score[: max(int(scale), 1) + 1]  # wider bumps would see it farther away
+    points = patch(mismatch(seen, used), int(row), int(col))
     return None if (points & used).sum() > policy.LOCAL * used.sum() else Blemish(**vars(lone), points=points)

@@ -57,7 +57,7 @@ class Bumps:
     ----------
     item : Whitened
     spread : numpy.ndarray, shape (scales, rows, cols)
-        Standard deviation of the numerator under noise alone: from draws, smoothed.
+        Standard deviation of the numerator under noise alone: from draws, the mean over points near by.
     """
 
     item: Whitened
@@ -69,12 +69,20 @@ class Bumps:
         rng = np.random.default_rng(seed)
         draws = (rng.standard_normal(item.recording.points) for _ in range(SPREAD_DRAWS))
         variance = reduce(np.add, (_matched(item, white) ** 2 for white in draws)) / SPREAD_DRAWS
-        smooth = [ndimage.gaussian_filter(v, 2 * s, mode="nearest") for v, s in zip(variance, SCALES_PX, strict=True)]
+        used = item.recording.used
+        smooth = [_near(one, used, 2 * scale) for one, scale in zip(variance, SCALES_PX, strict=True)]
         return cls(item, np.sqrt(np.maximum(smooth, 1e-30)))
 
     def scores(self, white: np.ndarray) -> np.ndarray:
         """Score bumps of all sizes at every pixel, shape (scales, rows, cols), in standard deviations."""
         return np.where(self.item.recording.used, _matched(self.item, white) / self.spread, 0.0)
+
+
+def _near(values: np.ndarray, used: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Return the mean over the points near by that count: what lies beyond them would pull it down."""
+    weighed, counted = (ndimage.gaussian_filter(one, sigma_px, mode="constant") for one in (values * used, used * 1.0))
+    mean: np.ndarray = weighed / np.maximum(counted, 1e-12)
+    return mean
 
 
 def _matched(item: Whitened, white: np.ndarray) -> np.ndarray:
