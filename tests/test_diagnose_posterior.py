@@ -217,9 +217,8 @@ def search(gains, cost=1000.0, **spread):
     """Return a search that has fitted these sets; names of effects by number."""
 
     def fit(names, gain):
-        effects = tuple(library()[n]() for n in names)
-        free = SimpleNamespace(names=names)
-        parameters = ParameterSet(effects=effects)
+        parameters = ParameterSet(effects=tuple(library()[n]() for n in names))
+        free = SimpleNamespace(names=names, base=parameters)
         return SimpleNamespace(cost=cost - gain, parameters=parameters, nuisances=True, promise=0.0, free=free)
 
     fitted = {frozenset(names): fit(names, gain) for names, gain in ({(): 0.0} | gains).items()}
@@ -250,6 +249,20 @@ class TestSearch:
         found = search({FIELD: 5.0, CURL + FIELD: 100.0})
         alone = search({CURL: 99.0}).fitted[frozenset(CURL)]
         found.without = lambda names, name: found.fitted.setdefault(names - {name}, alone)
+        assert found.best() == {"curl"}
+
+    def test_one_that_comes_out_better_than_it_was_known_is_weighed_anew(self):
+        """The quick fit of one effect brought 10; begun at both, because the other is asked for, it brings 99."""
+        found = search({CURL: 10.0, FIELD: 5.0, CURL + FIELD: 100.0})
+        alone = search({CURL: 99.0}).fitted[frozenset(CURL)]
+        reduced = {frozenset(CURL): alone}
+
+        def without(names, name):
+            fewer = names - {name}
+            found.fitted[fewer] = reduced.get(fewer, found.fitted[fewer])
+            return found.fitted[fewer]
+
+        found.without = without
         assert found.best() == {"curl"}
 
     @pytest.mark.parametrize(("promise", "settled"), [(60.0, True), (40.0, False)])

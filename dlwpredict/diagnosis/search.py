@@ -196,9 +196,9 @@ class Search:
         Reduced models that have to be fitted for that are sets as well, and may be the best.
         """
         found: Names = frozenset()
-        known = 0
-        while len(self.fitted) > known:
-            known = len(self.fitted)
+        known: dict[Names, Fit] = {}
+        while known != self.fitted:
+            known = dict(self.fitted)
             order = sorted(self.fitted, key=lambda names: self.priced(self.fitted[names]))
             found = next(names for names in order if self._admissible(names))
         return found
