@@ -171,6 +171,7 @@ def _surface_of_tile(exposure: _Exposure, threshold: float, factors: Layers | No
     dose = np.broadcast_to(dose.astype(np.float32), shape)
     surface = np.zeros(np.prod(shape))
     around: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    crossings: list[tuple[np.ndarray, ...]] = []
     for k, exposed in _levels(exposure, first, last, step):
         wanted = np.float32(threshold) * (np.float32(1) if factors is None else factors.at(k))
         around = [*around[-3:], (exposed, np.broadcast_to(wanted, shape), exposed >= wanted)]
@@ -178,9 +179,14 @@ def _surface_of_tile(exposure: _Exposure, threshold: float, factors: Layers | No
             continue
         crossing = np.flatnonzero(around[1][2] & ~around[2][2])
         if len(crossing):
-            top = dose.take(crossing)
-            inside = _cubic_root(*(_margin(e.take(crossing) / top, w.take(crossing) / top) for e, w, _ in around))
-            surface[crossing] = (k - 2 + inside.astype(float)) * step
+            exposures, thresholds = (np.stack([one[part].take(crossing) for one in around]) for part in (0, 1))
+            crossings.append((crossing, np.full(len(crossing), k - 2), exposures, thresholds))
+    if crossings:  # the highest last
+        places, levels, exposures, thresholds = (
+            np.concatenate(parts, axis=-1) for parts in zip(*crossings, strict=True)
+        )
+        top = dose.take(places)
+        surface[places] = (levels + _cubic_root(*_margin(exposures / top, thresholds / top)).astype(float)) * step
     return np.maximum(surface, 0.0).reshape(shape)
 
 

@@ -110,25 +110,22 @@ class Neighbourhood:
     def of_patterns(self, noises: Sequence[Noise]) -> tuple[np.ndarray, np.ndarray]:
         """Return coefficients (noises, patterns, neighbours) and variances (noises, patterns) of sets of neighbours.
 
-        With K = C_nn⁻¹ of all neighbours and b = K·c, those of a set without some neighbours m are b − K_m·K_mm⁻¹·b_m.
+        Those of a set are C_ss⁻¹·c_s; where few neighbours m are missing, with K = C_nn⁻¹ of all of them and b = K·c,
+        b − K_m·K_mm⁻¹·b_m, a smaller system.
         """
         between, away = self.distances_um
-        inverse = np.linalg.inv(np.stack([noise.at(between) for noise in noises]))
-        towards = np.stack([noise.at(away) for noise in noises])[..., None]
-        all_known = inverse @ towards
-        missing = ~self.patterns[0]
-        without = np.zeros((len(noises), *missing.shape))
-        counts = missing.sum(axis=1)
-        most = max(_CHUNK // len(noises), 1)
-        for count in np.unique(counts[counts > 0]):
-            alike = np.flatnonzero(counts == count)
-            for some in np.split(alike, range(most, len(alike), most)):
-                lost = np.nonzero(missing[some])[1].reshape(len(some), count)
-                parts = np.linalg.solve(inverse[:, lost[:, :, None], lost[:, None, :]], all_known[:, lost])
-                without[:, some[:, None], lost] = parts[..., 0]
-        coefficients = np.where(missing, 0.0, all_known[:, None, :, 0] - without @ inverse)
+        covariance = np.stack([noise.at(between) for noise in noises])
+        towards = np.stack([noise.at(away) for noise in noises])
+        inverse = np.linalg.inv(covariance)
+        all_known = (inverse @ towards[..., None])[..., 0]
+        present = self.patterns[0]
+        few = present.sum(axis=1) < present.shape[1] / 2
+        coefficients = np.zeros((len(noises), *present.shape))
+        coefficients[:, few] = _solved(covariance, towards, present[few])
+        without = _solved(inverse, all_known, ~present[~few])
+        coefficients[:, ~few] = np.where(present[~few], all_known[:, None] - without @ inverse, 0.0)
         marginal = np.array([noise.sigma_um**2 for noise in noises])
-        return coefficients, marginal[:, None] - (coefficients @ towards)[..., 0]
+        return coefficients, marginal[:, None] - (coefficients @ towards[..., None])[..., 0]
 
     def whitener(self, noise: Noise) -> sparse.csr_array:
         """Return W (points, points) for all measured points: W·ε has nearly independent entries of variance 1."""
@@ -206,6 +203,23 @@ class Whitener:
 
     def _along(self, white: np.ndarray, inner: np.ndarray) -> np.ndarray | float:
         return self.offsets @ (inner @ (self.offsets.T @ white)) if inner.any() else 0.0
+
+
+def _solved(matrices: np.ndarray, right: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Solve the part of M·x = b that some rows and columns leave, for every set of them (sets, rows) of bool.
+
+    Shape (matrices, sets, rows), 0 elsewhere.
+    """
+    solved = np.zeros((len(matrices), *chosen.shape))
+    counts = chosen.sum(axis=1)
+    most = max(_CHUNK // len(matrices), 1)
+    for count in np.unique(counts[counts > 0]):
+        alike = np.flatnonzero(counts == count)
+        for some in np.split(alike, range(most, len(alike), most)):
+            rows = np.nonzero(chosen[some])[1].reshape(len(some), count)
+            parts = np.linalg.solve(matrices[:, rows[:, :, None], rows[:, None, :]], right[:, rows, None])
+            solved[:, some[:, None], rows] = parts[..., 0]
+    return solved
 
 
 def _offsets(near_px: int, far_px: tuple[int, ...]) -> np.ndarray:

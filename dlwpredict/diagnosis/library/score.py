@@ -27,6 +27,9 @@ SIMULATED = 2000
 COLUMNS_AT_ONCE, ROWS_AT_ONCE = 32, 8192
 """Columns that are whitened, and rows that are multiplied, at once: what is kept in double precision meanwhile."""
 
+PAIRS_AT_ONCE = 100
+"""Pairs of columns whose draws are compared at once: they fit the cache."""
+
 LEAST_LENGTH = 1e-6
 """A column of which less than this share is left, projected orthogonally to the process, is absorbed by it."""
 
@@ -289,7 +292,7 @@ def thresholds(screen: Linearised, level: float, level_next: float, inflated: fl
 def _largest_pairs(scores: np.ndarray, signs: np.ndarray, i: np.ndarray, j: np.ndarray, rho: np.ndarray) -> np.ndarray:
     """Return the largest gain of any pair of columns with allowed signs, shape (draws,)."""
     largest = np.zeros(len(scores))
-    for part in np.array_split(np.arange(len(i)), max(len(i) // 2000, 1)):
+    for part in np.array_split(np.arange(len(i)), max(len(i) // PAIRS_AT_ONCE, 1)):
         a, b, r = scores[:, i[part]], scores[:, j[part]], rho[part]
         first, second = a - r * b, b - r * a
         fits = ((signs[i[part]] == 0) | (np.sign(first) == signs[i[part]])) & (
