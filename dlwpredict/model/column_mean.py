@@ -45,7 +45,7 @@ def column_mean(crosslinked: Crosslinked, reference: str, threads: int) -> np.nd
     levels = _chebyshev_levels(top, crosslinked.fwhm_z_um / FWHM_PER_SIGMA)
     values, rows, cols = _crosslink_stack(crosslinked, levels, threads)
     if reference == "structure_maximum":
-        values /= _largest(_to_modes(len(levels)), values)
+        values /= _largest(values)
     for curve in crosslinked.curves:
         values = curve(np.clip(values, 0, 1)).astype(np.float32)
     modes = _significant((_to_modes(len(levels)) @ _running_mean(len(levels))).astype(np.float32) @ values)
@@ -179,6 +179,12 @@ def _to_modes(count: int) -> np.ndarray:
 
 
 @cache
+def _between(count: int, points: int) -> np.ndarray:
+    """Return the matrix from values at the Chebyshev nodes to values at evenly spaced places."""
+    return chebyshev.chebvander(np.linspace(-1, 1, points), count - 1) @ _to_modes(count)
+
+
+@cache
 def _running_mean(count: int) -> np.ndarray:
     """Return the matrix from values f(ζ) to (1/ζ) ∫₀^ζ f dz, both at the Chebyshev nodes ζ of 0 … top."""
     nodes = chebyshev.chebpts1(count)
@@ -193,14 +199,12 @@ def _significant(modes: np.ndarray) -> np.ndarray:
     return modes[:, : max(int(np.sum(tail > 1e-6 * sizes.max())), 2)]
 
 
-def _largest(to_modes: np.ndarray, values: np.ndarray) -> float:
+def _largest(values: np.ndarray) -> float:
     """Return the largest value of levels (points, levels, points), between its nodes and points too."""
-    count = len(to_modes)
-    grid = chebyshev.chebvander(np.linspace(-1, 1, 4 * count + 1), count - 1) @ to_modes
-    highest = (grid.astype(np.float32) @ values).max(axis=1)
+    count = values.shape[1]
+    highest = (_between(count, 4 * count + 1).astype(np.float32) @ values).max(axis=1)
     row, col = np.clip(np.unravel_index(np.argmax(highest), highest.shape), 1, np.array(highest.shape) - 2)
-    dense = chebyshev.chebvander(np.linspace(-1, 1, 1001), count - 1) @ to_modes
-    around = (dense @ values[row - 1 : row + 2, :, col - 1 : col + 2]).max(axis=1)
+    around = (_between(count, 1001) @ values[row - 1 : row + 2, :, col - 1 : col + 2]).max(axis=1)
     return float(around[1, 1] + sum(_peak_above(line) for line in (around[1], around[:, 1])))
 
 
