@@ -251,6 +251,24 @@ class TestSearch:
         found.without = lambda names, name: found.fitted.setdefault(names - {name}, alone)
         assert found.best() == {"curl"}
 
+    def test_a_set_is_given_up_only_when_all_its_reduced_models_are_known(self):
+        """Of three the first gains nothing, which is enough to give them up; without the last the other two do all."""
+        three = frozenset(CURL + FIELD + DARK)
+        found, asked = search({FIELD + DARK: 200.0, CURL + FIELD + DARK: 240.0}), []
+        found.price = lambda effects: 1.0 * bool(effects)
+        found.needed = lambda names, name: 30.0
+        rest = search({CURL + FIELD: 239.0}).fitted
+
+        def without(names, name):
+            asked.append((names, name))
+            fewer = names - {name}
+            return found.fitted.setdefault(fewer, rest.get(fewer, found.fitted[frozenset()]))
+
+        found.without = without
+        found.fitted[frozenset(FIELD + DARK)].cost = 765.0  # without curl 5 are lost
+        assert found.best() == frozenset(CURL + FIELD)
+        assert {name for names, name in asked if names == three} == three
+
     def test_one_that_comes_out_better_than_it_was_known_is_weighed_anew(self):
         """The quick fit of one effect brought 10; begun at both, because the other is asked for, it brings 99."""
         found = search({CURL: 10.0, FIELD: 5.0, CURL + FIELD: 100.0})

@@ -282,8 +282,9 @@ class Search:
         return self.spread.get(name, 1.0) ** 2 + (policy.FORM_ERROR * gain + left) / policy.WIDTH
 
     def _admissible(self, names: Names) -> bool:
-        """Tell whether every effect of a set gains its own; and whether all together do."""
-        return all(self.surely(names, name) >= self.needed(names, name) for name in sorted(names))
+        """Tell whether every effect of a set gains its own. All reduced models are known then: one may be better."""
+        gains = {name: self.surely(names, name) for name in sorted(names)}
+        return all(gain >= self.needed(names, name) for name, gain in gains.items())
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
         """Return where the refit of a set begins: what stays of the model, as fitted alone, with what comes in."""
