@@ -153,7 +153,7 @@ def diagnose(
             noise, own = better, stored.setdefault(f"round {rounds} without {len(left_out)} spots", {})
             fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers, stored=own)
             tell(Stage.of("screen", "scoring every named effect"))
-            baseline = fitter.best(Start(first.parameters))
+            baseline = fitter.best(Start(first.parameters, settled=bool(rounds or left_out)))
             null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
             judge = Judge(recordings, noise, baseline, fitter, null, apart, left_out)
             search = Search(fitter, null, baseline, signatures, places, {"stitching": found.price})

@@ -282,9 +282,12 @@ class Search:
         return self.spread.get(name, 1.0) ** 2 + (policy.FORM_ERROR * gain + left) / policy.WIDTH
 
     def _admissible(self, names: Names) -> bool:
-        """Tell whether every effect of a set gains its own. All reduced models are known then: one may be better."""
-        gains = {name: self.surely(names, name) for name in sorted(names)}
-        return all(gain >= self.needed(names, name) for name, gain in gains.items())
+        """Tell whether every effect of a set gains its own; no reduced model is unknown then, for one may be better."""
+        stands = all(self.surely(names, name) >= self.needed(names, name) for name in sorted(names))
+        for name in sorted(names):
+            if names - {name} not in self.fitted:
+                self.without(names, name)
+        return stands
 
     def _starts(self, model: Fit, sets: Sets, subset: Subset) -> list[Start]:
         """Return where the refit of a set begins: what stays of the model, as fitted alone, with what comes in."""

@@ -193,11 +193,14 @@ def _begun(objective: Objective, start: Start, like: Free) -> Fit:
 def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit | None) -> tuple[Fit, float]:
     """Return the lowest of the converged fits, and the work that it took.
 
-    A quick fit is converged with derivatives of its own. Focus, threshold, cross-linking and κ act together: a model
-    may have its lowest place in another valley than a smaller one. Where a width came out far from its prior, the
-    descent is repeated from the paper's seven.
+    A quick fit is converged with derivatives of its own; a start that has none to take over needs no quick fit. Focus,
+    threshold, cross-linking and κ act together: a model may have its lowest place in another valley than a smaller
+    one. Where a width came out far from its prior, the descent is repeated from the paper's seven.
     """
-    first = objective.at(begun.free, begun.vector, begun) if begun else _quick(objective, like, starts)[0]
+    if begun is None and (len(starts) > 1 or starts[0].parent):
+        begun = _quick(objective, like, starts)[0]
+    free = begun.free if begun else moving(starts[0].parameters, like)
+    first = objective.at(free, begun.vector if begun else free.start, begun)
     found = _converged(objective, first, like)
     other = None if any(start.settled for start in starts) else from_paper(found.free, found.vector)
     if other is not None:
