@@ -180,7 +180,7 @@ class TestBlemish:
         used = np.zeros(GRID.shape, bool)
         used[::9, ::9] = used[1::9, ::9] = used[::9, 1::9] = True
         few = white_item(used=used)
-        particle = np.exp(-((GRID.x_um - 4.2) ** 2 + (GRID.y_um[:, None] + 3.0) ** 2) / (2 * 0.8**2))[used]
+        particle = np.exp(-((GRID.x_um - 4.2) ** 2 + (GRID.y_um[:, None] + 3.0) ** 2) / (2 * 0.45**2))[used]
         rng = np.random.default_rng(7)
         some = Null(rng.standard_normal((used.sum(), 200)).astype(np.float32))
         found, _ = self.of(particle, few, some, rng.standard_normal(used.sum()), 0.0)
