@@ -32,10 +32,52 @@ def printed(air) -> HeightMap:
     return predict(air, TRUTH)
 
 
+@pytest.fixture(scope="module")
+def block() -> HeightMap:
+    heights = np.zeros((60, 60))
+    heights[10:50, 10:50] = 5.0
+    return HeightMap(heights, 0.4, 0.4)
+
+
 @pytest.mark.parametrize(("recorded_um", "reach_px"), [(None, 3), (0.25, 3), (0.51, 3), (0.6, 4), (1.0, 6)])
 def test_a_wall_reaches_three_pixels_of_the_wider_kind(air, printed, recorded_um, reach_px):
     seen = replace(printed, instrument=Instrument(pitch_um=recorded_um))
     np.testing.assert_array_equal(prepare(air, seen).used, ~near_walls(air, reach_px))
+
+
+class TestWallsOfTheRecording:
+    """A part that has shrunk shows its walls beside those of the target; slopes across them are no slopes."""
+
+    def test_a_wall_counts_where_it_was_printed(self, block):
+        shrunk = replace(block, heights_um=np.roll(block.heights_um, 2, axis=1))
+        used = prepare(block, shrunk).used
+        np.testing.assert_array_equal(np.flatnonzero(~used[30]), [*range(7, 15), *range(47, 55)])
+
+    def test_within_a_pixel_it_is_the_same_wall(self, block):
+        shrunk = replace(block, heights_um=np.roll(block.heights_um, 1, axis=1))
+        np.testing.assert_array_equal(prepare(block, shrunk).used, ~near_walls(block))
+
+    def test_without_displacement_nothing_changes(self, air, printed):
+        noisy = replace(printed, heights_um=printed.heights_um + np.random.default_rng(1).normal(0, 0.05, air.shape))
+        np.testing.assert_array_equal(prepare(air, noisy).used, ~near_walls(air))
+
+    def test_the_rim_of_a_recording_above_or_below_0_is_no_wall(self):
+        heights = np.zeros((60, 60))
+        heights[5:55, 5:55] = 5.0
+        part = HeightMap(heights, 0.4, 0.4)
+        np.testing.assert_array_equal(prepare(part, replace(part, heights_um=heights - 7.0)).used, ~near_walls(part))
+
+    def test_a_particle_a_lone_point_and_a_scar_are_no_walls(self, block):
+        heights = block.heights_um.copy()
+        heights[28:33, 28:33] += 2.0
+        heights[20, 15], heights[40, 20:40] = 9.0, 6.0
+        np.testing.assert_array_equal(prepare(block, replace(block, heights_um=heights)).used, ~near_walls(block))
+
+    def test_a_hole_in_the_recording_is_no_wall(self, block):
+        heights = block.heights_um.copy()
+        heights[:, 8:12] = np.nan
+        used = prepare(block, replace(block, heights_um=heights)).used
+        np.testing.assert_array_equal(used, ~near_walls(block) & np.isfinite(heights))
 
 
 class TestTrace:

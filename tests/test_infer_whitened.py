@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from dlwpredict import designs
 from dlwpredict.effects import library
@@ -33,8 +34,8 @@ from dlwpredict.process import predict
 NOISE = Noise(0.002, 0.004, 1.0, 0.4, 0.4)
 
 
-def item_of(target: HeightMap, measured: HeightMap) -> Whitened:
-    return Whitened.of(doubted(prepare(target, measured)), Uneven(NOISE))
+def item_of(target: HeightMap, measured: HeightMap, wall_px: int = 3) -> Whitened:
+    return Whitened.of(doubted(prepare(target, measured, wall_px=wall_px)), Uneven(NOISE))
 
 
 class TestShift:
@@ -95,8 +96,21 @@ class TestNuisances:
         heights = predict(target, ParameterSet()).heights_um
         moved = shifted(heights, target, (1.1, -0.7))[0]
         known = registered(item_of(target, target.with_heights(moved)), heights)
-        assert known.item.shift_um == pytest.approx((1.1, -0.7), abs=0.01)
-        assert np.mean(known.residual**2) < 0.01
+        assert known.item.shift_um == pytest.approx((1.1, -0.7), abs=0.001)
+        away = registered(item_of(target, target.with_heights(moved), wall_px=6), heights)
+        assert away.item.shift_um == pytest.approx((1.1, -0.7), abs=1e-4)
+        assert np.mean(away.residual**2) < 1e-4
+
+    def test_no_wall_is_read_wherever_it_is_printed(self):
+        """Two pixels of a part's rim gone: to the points that count it makes no difference, nor to their slopes."""
+        target = designs.air(size_um=20, pitch_um=0.4, margin_um=4, seed=3)
+        item = replace(item_of(target, target), shift_um=(0.15, -0.1))
+        heights = predict(target, ParameterSet()).heights_um
+        shrunk = np.where(ndimage.binary_erosion(target.heights_um > 0, iterations=2), heights, 0.0)
+        used = item.recording.used
+        np.testing.assert_array_equal(item.moved(shrunk)[used], item.moved(heights)[used])
+        there, here = (item.nuisance_maps(one)[:, used] for one in (shrunk, heights))
+        np.testing.assert_array_equal(there, here)
 
     def test_what_is_registered_is_the_change_with_nuisances_as_they_are(self):
         """F ↦ f − ∇f·u is linear: by hand, of two maps and of their difference."""

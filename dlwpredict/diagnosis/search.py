@@ -257,13 +257,16 @@ class Search:
     def doubted(self, best: Names) -> list[str]:
         """Return the effects, the likeliest first, that would gain enough beside a set were all forms sure.
 
-        Those of the process itself, or that of the strongest effect of the set.
+        Those of the process itself, or that of the strongest effect of the set. And what cannot be told from them.
         """
         more = [names for names in self.fitted if names > best and len(names) == len(best) + 1]
         own = [names for names in more if names in self.stood and not self._admissible(names)]
         own = [names for names in own if all(self.gain(names, one) >= self.needed(names, one) for one in sorted(names))]
         short = [names for names in more if self._lacks_form_error(best, names)]
-        names = sorted({*own, *short}, key=lambda names: self.fitted[names].cost)
+        least = min((self.fitted[names].cost for names in (*own, *short)), default=-np.inf)
+        limit = least + policy.WIDTH + policy.FORM_ERROR * (self.fitted[best].cost - least)
+        like = [names for names in more if self.fitted[names].cost <= limit]
+        names = sorted({*own, *short, *like}, key=lambda names: self.fitted[names].cost)
         return [name for one in names for name in sorted(one - best)]
 
     def _lacks_form_error(self, best: Names, names: Names) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.infer.priors import LATERAL, LEVELLING, NUISANCES
-from dlwpredict.metrology.walls import WALL_PX, near_walls
+from dlwpredict.metrology.walls import WALL_PX, near_walls, near_walls_of_both
+from dlwpredict.numerics.continuation import Continuation
 from dlwpredict.process import check_target
 
 FEWEST_POINTS = 500
@@ -56,6 +58,15 @@ class Recording:
     def points(self) -> int:
         """Number of used points."""
         return int(self.used.sum())
+
+    @cached_property
+    def across_walls(self) -> Continuation:
+        """How a prediction goes on from the points that count into walls.
+
+        One is moved by reading it between its pixels. Beside a wall that must not be read: it may be printed a pixel
+        from where the target has it, and moves with the parameters, by jumps from pixel to pixel.
+        """
+        return Continuation.across(near_walls(self.target) & ~self.used)
 
     @property
     def scans(self) -> bool:
@@ -111,7 +122,7 @@ def prepare(
     with blaming(target_name):
         _check_target(target, measured)
     require_same_grid(target, measured, (target_name, name))
-    used = measured.measured & ~near_walls(target, seen_px(wall_px, measured))
+    used = measured.measured & ~near_walls_of_both(target, measured, seen_px(wall_px, measured))
     if not used.any():
         raise ResultError(
             f"none of {int(measured.measured.sum())} measured points lies {wall_px} px away from walls",

@@ -110,7 +110,11 @@ class Whitened:
 
     def moved(self, predicted_um: np.ndarray) -> np.ndarray:
         """Return a prediction where registration has put it."""
-        return shifted(predicted_um, self.recording.target, self.shift_um)[0] if any(self.shift_um) else predicted_um
+        return self._shifted(predicted_um)[0] if any(self.shift_um) else predicted_um
+
+    def _shifted(self, maps_um: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return maps (..., rows, cols) where registration has put them, and their slopes; walls are not read."""
+        return shifted(self.recording.across_walls(maps_um), self.recording.target, self.shift_um)
 
     def residual(self, predicted_um: np.ndarray) -> np.ndarray:
         """Whiten recording − prediction, shape (points,)."""
@@ -123,7 +127,7 @@ class Whitened:
         The lateral ones are −∇f·u for their displacements u.
         """
         grid = self.recording.target
-        _, right, up = shifted(predicted_um, grid, self.shift_um)
+        _, right, up = self._shifted(predicted_um)
         half_x, half_y = (size / 2 for size in grid.size_um)
         columns = {
             "offset": np.ones(grid.shape),
@@ -148,7 +152,7 @@ class Whitened:
         """
         grid = self.recording.target
         values = dict(zip(self.nuisances, coefficients, strict=True))
-        moved, right, up = shifted(changes_um, grid, self.shift_um)
+        moved, right, up = self._shifted(changes_um)
         lateral = np.array([values.get(name, 0.0) for name in LATERAL])
         across, upwards = np.tensordot(lateral, displacements(grid), axes=1)
         return moved - across * right - upwards * up
