@@ -39,7 +39,6 @@ OFF = {"galvo-lag": "not named"}
 
 DEAR = {
     "galvo-lag": "what no form fits is looked for among many",
-    "instrument-blur": "what a width may have taken the place of is begun at the paper's focus as well",
     "slope-error": "its three rivals are brought to convergence: 498 to 533, by rounding",
 }
 """Those for which it takes more: what no form fits, or a focus far from its prior, is looked for among many."""
@@ -115,10 +114,11 @@ def test_two_effects_of_both_sides_are_both_named():
 
 
 @pytest.mark.slow
-def test_the_second_of_two_has_only_its_double_beside_it():
+def test_the_second_of_two_has_only_its_rivals_beside_it():
+    """A tip, R(√(1+s²) − 1) ≈ R·s²/2, and as above an offset of the interface: both within 6 % of its gain."""
     found, _ = both_sides()
     second = found.named[1].names
-    assert set(second) <= {"slope-error", "tip-convolution"}, "R(√(1+s²) − 1) ≈ R·s²/2"
+    assert set(second) <= {"slope-error", "tip-convolution", "interface-offset"}
 
 
 @pytest.mark.slow
