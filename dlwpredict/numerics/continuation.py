@@ -59,5 +59,5 @@ class Continuation:
         """Return maps (..., rows, cols), continued."""
         continued = np.array(maps)
         parts = zip(self.weights, self.known, strict=True)
-        continued[..., *self.pixels] = sum(weight * maps[..., *place] for weight, place in parts)
+        continued[..., *self.pixels] = sum(weight * continued[..., *place] for weight, place in parts)
         return continued
