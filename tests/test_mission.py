@@ -39,14 +39,13 @@ OFF = {"galvo-lag": "not named"}
 
 DEAR = {
     "galvo-lag": "what no form fits is looked for among many",
-    "slope-error": "its three rivals are brought to convergence: 498 to 533, by rounding",
 }
 """Those for which it takes more: what no form fits, or a focus far from its prior, is looked for among many."""
 
 
 def but_for(missed):
-    """Return all names; what is known to be missed must be so, or the mark goes, but for what hangs on rounding."""
-    marks = {one: pytest.mark.xfail(strict="rounding" not in why, reason=why) for one, why in missed.items()}
+    """Return all names; what is known to be missed must be so, or the mark goes."""
+    marks = {one: pytest.mark.xfail(strict=True, reason=why) for one, why in missed.items()}
     return [pytest.param(one, marks=marks.get(one, ())) for one in NAMED]
 
 
