@@ -14,6 +14,7 @@ from dlwpredict.errors import InputError
 from dlwpredict.files.parameters_yaml import parameters_as_dict, parameters_from, read_parameters
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.metrology.walls import near_walls
+from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import STAGES
 from dlwpredict.model.voxels import Voxels
 from dlwpredict.numerics.smoothing import blur
@@ -192,16 +193,17 @@ def test_derivative_is_continuous_at_off(name, switch):
     off, known = declarations(kind)[switch]
     step = 0.002 * (known.typical - off)
     target = relief()
-    # a wall between two pixels fills the outer one as it moves out, and empties the inner one as it moves in
-    counted = (target.heights_um > 0) & ~near_walls(target) if name == "line-length-error" else np.s_[:]
+    # the exposed share of a pixel bends where the edge enters it
+    counted = (target.heights_um > 0) & ~near_walls(target)
 
     def slope(low, high):
         maps = [plain() if at == 0 else recorded(target, kind(**{switch: off + at * step})) for at in (low, high)]
         return ((maps[1] - maps[0]) / (high - low))[counted]
 
     first = slope(0, 1)
-    # a width has no slope at 0: there the typical change sets the scale; single precision rounds by 1.5e-7 µm
-    allowed = 0.02 * max(rms(first), rms(slope(0, 500))) + 2e-7
+    # a width has no slope at 0: there the typical change sets the scale; single precision rounds by 1.5e-7 µm, and
+    # a difference of two slopes has four such errors, two of them the same one
+    allowed = 0.02 * max(rms(first), rms(slope(0, 500))) + np.sqrt(6) * 1.5e-7
     assert rms(slope(1, 2) - first) <= allowed
     if known.low < off:
         assert rms(slope(-1, 0) - first) <= allowed
@@ -277,10 +279,14 @@ def voxel_cases():
                 yield name, switch, {"conversion": 1.0}
 
 
+WHOLE = Levels(whole_pixels=True)
+"""Voxels are exposed or not, as their centres are."""
+
+
 @cache
 def thin() -> tuple[HeightMap, np.ndarray, np.ndarray]:
     target = relief(44, 7, base=2.2, seed=3)
-    return target, recorded(target), recorded(target, numerics=Voxels(0.025))
+    return target, recorded(target, numerics=WHOLE), recorded(target, numerics=Voxels(0.025))
 
 
 @pytest.mark.slow
@@ -289,7 +295,7 @@ def test_voxels_show_the_same_signature(name, switch, more):
     """Rms within what 0.025 µm slices leave in a difference of two maps, and 3 % of the signature."""
     target, fast, literal = thin()
     effect = switched_on(name, switch, **more)
-    by_levels = recorded(target, effect) - fast
+    by_levels = recorded(target, effect, numerics=WHOLE) - fast
     by_voxels = recorded(target, effect, numerics=Voxels(0.025)) - literal
     # the rim is where one voxel more or less decides whether anything stands
     part = (fast > 0) & (literal > 0) & (fast + by_levels > 0) & (literal + by_voxels > 0)

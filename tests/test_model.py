@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
+from dlwpredict.designs import stairs
+from dlwpredict.effects import library
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.metrology.walls import near_walls
 from dlwpredict.model.exposed_surface import _cubic_root
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.levels import Levels
@@ -196,7 +199,7 @@ class TestNumericsAgree:
     @pytest.mark.parametrize("paper", PROCESSES)
     def test_voxels_converge_to_levels_linearly(self, paper):
         part = uneven()
-        fast = predict(part, ParameterSet(paper=paper)).heights_um
+        fast = predict(part, ParameterSet(paper=paper), numerics=Levels(whole_pixels=True)).heights_um
         errors = []
         for slice_um in (0.08, 0.04, 0.02):
             voxel = predict(part, ParameterSet(paper=paper), numerics=Voxels(slice_um)).heights_um
@@ -239,9 +242,54 @@ class TestUnderAFit:
     def test_the_levels_stay_while_the_focus_changes(self):
         """What a slight change of the focus does, it does in proportion, to a hundredth; moving levels spoil 4 %."""
         widths = 1.48 * (1 + 0.01 * np.arange(-3, 4))
-        found = np.array([predict(uneven(), with_paper(exposure_fwhm_z_um=width)).heights_um for width in widths])
+        papers = [with_paper(exposure_fwhm_z_um=width) for width in widths]
+        found = np.array([predict(uneven(), paper, numerics=Levels(whole_pixels=True)).heights_um for paper in papers])
         change, bend = (np.sqrt(np.mean(np.diff(found, order, axis=0) ** 2)) for order in (1, 2))
         assert 0 < bend < 0.01 * change
+
+
+class TestEdges:
+    """Where the edge of the exposed resin runs through a pixel."""
+
+    @pytest.mark.parametrize("pitch", [0.2, 0.25])
+    @pytest.mark.parametrize("threshold", [0.33, 0.41, 0.5, 0.62])
+    def test_a_wall_stands_where_exposure_meets_the_threshold(self, threshold, pitch):
+        """At s_xy·Φ⁻¹(1 − P) outside; the area between two squares leaves their corners out."""
+        paper = Paper(0.6, 0.2, threshold, shrinkage_min=1.0, shrinkage_max=1.0)
+        halves = 3.0, 5.0
+        maps = [predict(block(4.0, half, 16.0, pitch), ParameterSet(paper=paper)).heights_um for half in halves]
+        areas = [heights.sum() * pitch**2 / heights.max() for heights in maps]
+        sides = [2 * half for half in halves]
+        out = (areas[1] - areas[0] - sides[1] ** 2 + sides[0] ** 2) / (4 * (sides[1] - sides[0]))
+        assert out == pytest.approx(-0.6 / FWHM_PER_SIGMA * ndtri(threshold), abs=0.012)
+
+    def test_a_wall_that_moves_a_little_changes_the_part_a_little(self):
+        """With whole pixels a threshold that is 0.002 higher lowers points far from walls by 10 nm at once."""
+        part = block(6.0, 4.0, 12.0, 0.4)
+        inside = (part.heights_um > 0) & ~near_walls(part)
+
+        def largest_step(numerics):
+            thresholds = np.arange(0.12, 0.16, 0.002)
+            maps = [predict(part, with_paper(threshold=p), numerics=numerics).heights_um[inside] for p in thresholds]
+            return np.abs(np.diff(maps, 2, axis=0)).max()
+
+        assert largest_step(Levels(whole_pixels=True)) > 0.01
+        assert largest_step(Levels()) < 0.0005
+
+    def test_away_from_walls_a_pixel_is_the_point_at_its_centre(self):
+        paper = Paper(shrinkage_min=1.0, shrinkage_max=1.0)
+        inside = (uneven().heights_um > 0) & ~near_walls(uneven())
+        share, whole = (
+            predict(uneven(), ParameterSet(paper=paper), numerics=n).heights_um for n in (Levels(), Levels(1, True))
+        )
+        np.testing.assert_allclose(share[inside], whole[inside], rtol=0, atol=1e-6)
+
+    def test_a_top_that_a_tail_lifts_by_nanometres_is_still_exposed(self):
+        """It rose above the levels, and the column was lost."""
+        part = stairs(size_um=30, pitch_um=0.5, margin_um=4)
+        process = ParameterSet(paper=Paper(0.549, threshold=0.46), effects=(library()["galvo-lag"](lag_um=0.32),))
+        inside = (part.heights_um > 0) & ~near_walls(part)
+        assert predict(part, process).heights_um[inside].min() > 0
 
 
 class TestPixelsThatAreNotSquare:
@@ -273,7 +321,7 @@ class TestPixelsThatAreNotSquare:
         part = HeightMap(np.pad(np.kron(rng.uniform(2, 5, (4, 4)), np.ones((10, 20))), 10), 0.15, 0.35)
         paper = Paper(crosslink_fwhm_xy_um=3.0, crosslink_fwhm_z_um=9.0)
         process = ParameterSet(paper=paper, readings=Readings(crosslink_reference="bulk"))
-        fast, voxel = (predict(part, process, numerics=n).heights_um for n in (Levels(1), Voxels(0.02)))
+        fast, voxel = (predict(part, process, numerics=n).heights_um for n in (Levels(whole_pixels=True), Voxels(0.02)))
         assert np.sqrt(np.mean((fast - voxel)[fast > 0] ** 2)) < 0.02
 
 

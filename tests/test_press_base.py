@@ -142,7 +142,8 @@ def brute_force(target, pitch, press, dz):
     return (factor * exposed).sum(axis=0) * dz
 
 
-def test_agrees_with_brute_force_voxels():
+def test_agrees_with_brute_force_voxels(monkeypatch):
+    monkeypatch.setattr("tests.press.voxels.THIN", [(0, 0)])  # whole pixels
     target = np.zeros((44, 44))
     x = np.arange(20) * PITCH
     target[12:32, 12:32] = 3 + np.sin(2 * np.pi * x / 4)[None] * np.cos(2 * np.pi * x / 5)[:, None]
@@ -150,6 +151,22 @@ def test_agrees_with_brute_force_voxels():
     difference = print_part(target, PITCH, PITCH, press) - brute_force(target, PITCH, press, 0.02)
     assert np.sqrt((difference**2).mean()) < 0.005
     assert np.abs(difference).max() < 0.015
+
+
+@pytest.mark.parametrize("threshold", [0.33, 0.41, 0.5, 0.62])
+def test_walls_stand_where_exposure_meets_the_threshold(threshold):
+    """At s Phi^-1(1 - P) outside; the area between two squares leaves their corners out."""
+    press = Press(threshold=threshold, focus_fwhm_xy_um=0.6, focus_fwhm_z_um=0.4, shrinkage_min=1.0, shrinkage_max=1.0)
+    areas, sides = [], []
+    for count in (24, 40):
+        target = np.zeros((64, 64))
+        edge = (64 - count) // 2
+        target[edge : edge + count, edge : edge + count] = 4.0
+        printed = print_part(target, 0.25, 0.25, press)
+        areas.append(printed.sum() * 0.25**2 / printed.max())
+        sides.append(count * 0.25)
+    out = (areas[1] - areas[0] - sides[1] ** 2 + sides[0] ** 2) / (4 * (sides[1] - sides[0]))
+    assert out == pytest.approx(-0.6 * SIGMA_PER_FWHM * ndtri(threshold), abs=0.03)
 
 
 def test_layer_thickness_does_not_matter():

@@ -322,8 +322,10 @@ def test_astigmatism_washes_out_waves_across_its_long_axis():
         )
     )
     assert along < base < across
-    turned = difference(waves, name="astigmatism", log_ratio=0.2, angle_deg=45.0)
-    assert rms(turned) < rms(difference(waves, name="astigmatism", log_ratio=0.2))
+    turned, straight = (
+        difference(waves, name="astigmatism", log_ratio=0.2, angle_deg=angle)[20:40, 20:44] for angle in (45.0, 0.0)
+    )
+    assert rms(turned) < rms(straight)
 
 
 def test_drying_curl_and_lateral_shrinkage_follow_their_laws(part):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlwpredict.effects.base import MapEffect
-from dlwpredict.effects.plane import centroid_um, half_width_um, where_written
+from dlwpredict.effects.plane import centroid_um, half_width_um, standing, where_written
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import declare
 
@@ -17,7 +17,7 @@ def warp(surface: HeightMap, rise_um: float) -> np.ndarray:
 
     A plate under a uniform bending moment takes a constant curvature.
     """
-    footprint = surface.heights_um > 0
+    footprint = standing(surface)
     if not footprint.any():
         return np.zeros(surface.shape)
     x, y = centroid_um(footprint, surface)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlwpredict.effects.base import MapEffect
-from dlwpredict.effects.plane import edge_distance_um, where_written
+from dlwpredict.effects.plane import edge_distance_um, standing, where_written
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import declare
 
@@ -37,5 +37,5 @@ class EdgeDrying(MapEffect):
 
     def heights(self, state: HeightMap) -> np.ndarray:
         """Return the dried surface."""
-        distance = edge_distance_um(state.heights_um > 0, state)
+        distance = edge_distance_um(standing(state), state)
         return where_written(state, state.heights_um + edge_sag(distance, self.depth_um, self.length_um))

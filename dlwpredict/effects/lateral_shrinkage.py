@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.effects.base import MapEffect
-from dlwpredict.effects.plane import centroid_um, nearest, pixel_of
+from dlwpredict.effects.plane import centroid_um, nearest, pixel_of, standing
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.numerics.interpolation import read_locally
 from dlwpredict.parameters import declare
@@ -36,7 +36,7 @@ def drawn_inwards(surface: HeightMap, strain: float, pin_height_um: float) -> np
     pin_height_um : float
         H, height over which the base holds the part back.
     """
-    footprint = surface.heights_um > 0
+    footprint = standing(surface)
     if not footprint.any():
         return surface.heights_um
     centre_x, centre_y = centroid_um(footprint, surface)

@@ -93,6 +93,15 @@ def nearest(plane: np.ndarray, known: np.ndarray) -> np.ndarray:
     return plane[rows, cols]
 
 
+def standing(surface: HeightMap) -> np.ndarray:
+    """Return the footprint of a printed part: columns that are at least half full, as their neighbours show.
+
+    A wall that runs through a pixel leaves a lower column there.
+    """
+    heights = surface.heights_um
+    return (heights > 0) & (heights >= ndimage.maximum_filter(heights, 3, mode="nearest") / 2)
+
+
 def edge_distance_um(footprint: np.ndarray, grid: HeightMap) -> np.ndarray:
     """Return the distance of every pixel's centre to the edge of the footprint, half a pixel beyond its last pixel."""
     inside = np.pad(footprint, 1)

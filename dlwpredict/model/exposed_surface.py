@@ -10,10 +10,11 @@ from statistics import NormalDist
 import numpy as np
 
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.model.edges import Edges, Level, near_steps, taken
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Dose, Focus
 from dlwpredict.numerics.parallel import corners, each
-from dlwpredict.numerics.smoothing import ndtr
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, ndtr
 
 LEVEL_STEP_SIGMAS = 0.5
 """Distance of exposure levels in axial standard deviations; the surface then errs by 0.1 nm rms, 3 nm beside walls."""
@@ -29,6 +30,15 @@ moving layers would make the prediction jump by nanometres under a fit."""
 ABOVE_SIGMAS = 2.5
 """Levels end this many axial standard deviations above the part where the local dose can lift its surface."""
 
+WALL_LEVELS = 2
+"""A step of the heights that is higher than so many levels becomes a wall, which exposure does not resolve in z."""
+
+WALL_SIGMAS, WALL_LAGS = 2.0, 3.0
+"""The edge stays so near to the step, in lateral standard deviations and lags: thresholds are 0.05 to 0.95."""
+
+WALL_FOOT_SIGMAS = 1.5
+"""So far below the lowest surface a pixel at a wall's foot may still seem to have an edge (`Edges.inside` below ½)."""
+
 LARGEST_FRACTION = 0.95
 """Largest threshold as a fraction of the local dose at which the logit is still smooth in z."""
 
@@ -40,17 +50,20 @@ LEVELS_AT_ONCE = 6
 LAYERS_BELOW_SIGMAS = 5.5
 """Layers of dose further below the lowest level than this many axial standard deviations reach no level: 2e-8."""
 
-_ROUNDING = 0.01  # of a level: a flat top may lie on one
+_ROUNDING = 0.1  # of a level: a flat top may lie on one, and the sampled tail of a focus lifts one by as much
 _TINY, _BELOW_ONE = 1e-12, float(np.nextafter(np.float32(1), np.float32(0)))
 
 
-def exposed_surface(dose: Dose, threshold: float, reference: str, threads: int) -> HeightMap:
+def exposed_surface(
+    dose: Dose, threshold: float, reference: str, threads: int, *, whole_pixels: bool = False
+) -> HeightMap:
     """Solve exposure = threshold for the height of every column.
 
     Per tile: levels z_k that span the tile's heights, E_k = Σ weight · G_xy ⊛ Φ((h − z_k)/s_z), then the root of
     logit(E/D) − logit(P/D) between levels, by a cubic: logit Φ(t) is a cubic in t to 1e-3. Where the dose differs
     from layer to layer, Φ becomes the sum over the layers, and D is the largest dose of the column. Single
-    precision: its 1e-7 of the full dose is a ten thousandth of a nanometre.
+    precision: its 1e-7 of the full dose is a ten thousandth of a nanometre. Where the edge of the exposed resin runs
+    through a pixel, the height is that of the column's exposed share (`edges`), unless pixels are to be whole.
     """
     written = dose.written
     heights = written.heights_um
@@ -63,23 +76,25 @@ def exposed_surface(dose: Dose, threshold: float, reference: str, threads: int) 
     surface = np.zeros(written.shape)
 
     def solve(corner: tuple[int, int]) -> None:
-        inner = tuple(slice(start, start + TILE_PX) for start in corner)
+        inner = tuple(slice(max(start - 1, 0), start + TILE_PX + 1) for start in corner)
         outer = tuple(slice(max(start - r, 0), start + TILE_PX + r) for start, r in zip(corner, reach, strict=True))
         part = heights[outer]
         if part.any():
             columns = None if layers is None else Columns(layers[outer], part, from_glass=True)
             rows, cols = (slice(s.start - o.start, s.stop - o.start) for s, o in zip(inner, outer, strict=True))
             exposure = _Exposure(dose.focus, part, written.dx_um, written.dy_um, columns, (rows, cols))
-            surface[inner] = _surface_of_tile(
-                exposure, threshold, None if thresholds is None else thresholds[inner], step
-            )
+            factors = None if thresholds is None else thresholds[inner]
+            kept = tuple(slice(min(start, 1), min(start, 1) + TILE_PX) for start in corner)
+            tile = tuple(slice(start, start + TILE_PX) for start in corner)
+            surface[tile] = _surface_of_tile(exposure, threshold, factors, step, whole_pixels)[kept]
 
     each(solve, corners(written.shape, TILE_PX), threads)
     return written.with_heights(surface)
 
 
 def _reach_px(focus: tuple[Focus, ...], pitch_um: float) -> int:
-    return int(np.ceil(max(part.reach_um for part in focus) / pitch_um)) + 1
+    """Return how far around a tile heights matter to it: the focus reaches there, and a pixel has neighbours."""
+    return int(np.ceil(max(part.reach_um for part in focus) / pitch_um)) + 2
 
 
 def _level_step_um(focus: tuple[Focus, ...]) -> float:
@@ -151,6 +166,19 @@ class _Exposure:
         nominal = np.maximum(self._spread(lambda part: written), _TINY)
         return np.maximum(self._spread(lambda part: columns.highest) / nominal, _TINY)
 
+    def near_walls(self, step_um: float) -> np.ndarray:
+        """Return the pixels that the edge of the exposed resin may run through, shape (rows, cols).
+
+        A step of the heights becomes a wall where it is higher than the focus is long: there are several levels in it.
+        """
+        away = sum(
+            part.weight
+            * (WALL_SIGMAS * max(part.fwhm_x_um, part.fwhm_y_um) / FWHM_PER_SIGMA + WALL_LAGS * abs(part.lag_y_um))
+            for part in self.focus
+        )
+        reach = [int(np.ceil(away / pitch)) for pitch in (self.dy_um, self.dx_um)]
+        return near_steps(self.heights_um, WALL_LEVELS * step_um, reach)[self.kept]
+
     def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
         parts = (
             part.weight * part.spread(plane_of(part), self.dx_um, self.dy_um)[..., *self.kept] for part in self.focus
@@ -158,36 +186,62 @@ class _Exposure:
         return reduce(np.add, parts)
 
 
-def _surface_of_tile(exposure: _Exposure, threshold: float, factors: Layers | None, step: float) -> np.ndarray:
-    """Return the exposed height over one tile (rows, cols), from four successive levels around each crossing.
+def _surface_of_tile(
+    exposure: _Exposure, threshold: float, factors: Layers | None, step: float, whole_pixels: bool
+) -> np.ndarray:
+    """Return the exposed height over one tile (rows, cols): that at the pixels' centres, and what edges add to it.
 
     The factors on the threshold lie on the same levels.
     """
     least, most = (1.0, 1.0) if factors is None else (float(factors.weights.min()), float(factors.weights.max()))
     highest = exposure.highest_dose()
-    first, last = _levels_around(exposure, threshold * least, threshold * most, float(np.max(highest)), step)
+    walls = np.zeros((1, 1), dtype=bool) if whole_pixels else exposure.near_walls(step)
+    foot = WALL_FOOT_SIGMAS if walls.any() else 0.0
+    first, last = _levels_around(exposure, threshold * least, threshold * most, float(np.max(highest)), step, foot)
     shape = exposure.heights_um[exposure.kept].shape
     dose = np.maximum(highest, threshold * most / LARGEST_FRACTION)
-    dose = np.broadcast_to(dose.astype(np.float32), shape)
-    surface = np.zeros(np.prod(shape))
-    around: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    crossings: list[tuple[np.ndarray, ...]] = []
+    dose = np.atleast_2d(dose.astype(np.float32))
+    crossings, edges, around = _Crossings(), Edges(walls, dose), list[Level]()
     for k, exposed in _levels(exposure, first, last, step):
-        wanted = np.float32(threshold) * (np.float32(1) if factors is None else factors.at(k))
-        around = [*around[-3:], (exposed, np.broadcast_to(wanted, shape), exposed >= wanted)]
-        if k < first + 3:
-            continue
-        crossing = np.flatnonzero(around[1][2] & ~around[2][2])
-        if len(crossing):
-            exposures, thresholds = (np.stack([one[part].take(crossing) for one in around]) for part in (0, 1))
-            crossings.append((crossing, np.full(len(crossing), k - 2), exposures, thresholds))
-    if crossings:  # the highest last
-        places, levels, exposures, thresholds = (
-            np.concatenate(parts, axis=-1) for parts in zip(*crossings, strict=True)
-        )
-        top = dose.take(places)
-        surface[places] = (levels + _cubic_root(*_margin(exposures / top, thresholds / top)).astype(float)) * step
-    return np.maximum(surface, 0.0).reshape(shape)
+        wanted = np.atleast_2d(np.float32(threshold) * (np.float32(1) if factors is None else factors.at(k)))
+        level = Level(exposed, wanted, exposed >= wanted)
+        around = [*around[-3:], level] if around else [level, level]  # below the first all is as there
+        edges.rise(k, level)
+        if len(around) == 4:
+            crossings.add(k - 2, around, dose)
+    surface = np.maximum(crossings.heights(shape), 0)
+    surface.flat[edges.places] += edges.steps
+    return np.maximum(surface, 0) * step
+
+
+class _Crossings:
+    """Where columns leave the exposed resin upwards, each with the exposure on four levels around."""
+
+    def __init__(self) -> None:
+        self.places: list[np.ndarray] = []
+        self.levels: list[np.ndarray] = []
+        self.margins: list[np.ndarray] = []
+
+    def add(self, index: int, around: Sequence[Level], dose: np.ndarray) -> None:
+        """Take the columns that leave between the second and the third of four levels; the second has this index."""
+        places = np.flatnonzero(around[1].exposed & ~around[2].exposed)
+        self.places.append(places)
+        self.levels.append(np.full(len(places), index))
+        if len(places):
+            full = taken(dose, places)
+            exposures, thresholds = (
+                np.stack([taken(plane, places) / full for plane in planes])
+                for planes in zip(*(one[:2] for one in around), strict=True)
+            )
+            self.margins.append(_margin(exposures, thresholds))
+
+    def heights(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return the highest crossing of every column in steps of the levels, shape (rows, cols), 0 where none is."""
+        surface = np.zeros(np.prod(shape))
+        if self.margins:  # the highest last
+            roots = _cubic_root(*np.concatenate(self.margins, axis=-1)).astype(float)
+            surface[np.concatenate(self.places)] = np.concatenate(self.levels) + roots
+        return surface.reshape(shape)
 
 
 def _levels(exposure: _Exposure, first: int, last: int, step: float) -> Iterator[tuple[int, np.ndarray]]:
@@ -197,7 +251,9 @@ def _levels(exposure: _Exposure, first: int, last: int, step: float) -> Iterator
         yield from zip(some, exposure.at([k * step for k in some]), strict=True)
 
 
-def _levels_around(exposure: _Exposure, least: float, most: float, dose: float, step: float) -> tuple[int, int]:
+def _levels_around(
+    exposure: _Exposure, least: float, most: float, dose: float, step: float, foot_sigmas: float
+) -> tuple[int, int]:
     """Return the range of levels that encloses every crossing of thresholds from the least to the most.
 
     Exposure is a mean of Φ((h − z)/s) over the heights h around, times a dose up to the highest one. At nominal dose,
@@ -210,7 +266,7 @@ def _levels_around(exposure: _Exposure, least: float, most: float, dose: float, 
     widest = _widest_um(exposure.focus, highest)
     above = min(max(-_quantile(min(least / dose, 0.5)), 0.0), ABOVE_SIGMAS) * widest
     if lowest > 0 and exposure.columns is None:
-        bottom = int(max(lowest - max(_quantile(most) * widest, 0.0), 0) / step - _ROUNDING) - 1
+        bottom = int(max(lowest - (max(_quantile(most), 0.0) + foot_sigmas) * widest, 0) / step - _ROUNDING) - 1
     else:
         bottom = _lowest_level(heights, widest, step)
     return bottom, int((highest + above) / step + _ROUNDING) + 3

@@ -25,13 +25,17 @@ class Levels:
     threads : int
         Tiles computed at once. The steps of a tile are short, and two threads mostly wait for the interpreter: on two
         cores they take longer than one. Processes do better (`batch`).
+    whole_pixels : bool
+        Whether a column is exposed as its centre is, as voxels are, and not in the share of it that is.
     """
 
     threads: int = 1
+    whole_pixels: bool = False
 
     def exposed(self, dose: Dose, threshold: float, reference: str) -> Exposed:
         """Solve exposure = threshold for the height of every column."""
-        return Exposed(exposed_surface(dose, threshold, reference, self.threads), dose)
+        surface = exposed_surface(dose, threshold, reference, self.threads, whole_pixels=self.whole_pixels)
+        return Exposed(surface, dose)
 
     def column_mean(self, crosslinked: Crosslinked, reference: str) -> np.ndarray:
         """Average normalised cross-linking over 0 … e(x, y)."""

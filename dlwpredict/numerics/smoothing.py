@@ -57,6 +57,29 @@ def ndtr(x: np.ndarray) -> np.ndarray:
     return result
 
 
+def ndtri(odds: np.ndarray) -> np.ndarray:
+    """Return Φ⁻¹(p) for odds p / (1 − p), to 4 % up to 4: SciPy's takes longer to load than a small prediction.
+
+    The real root of c₁ x³ + c₀ x = ½ ln(odds), the first two terms of `_ARTANH_ERF`.
+
+    Examples
+    --------
+    >>> from scipy import special
+    >>> p = special.ndtr(np.array([-1.0, 0.0, 1.0, 2.0, 3.0, 4.0]))
+    >>> ndtri(p / (1 - p)).round(2).tolist()
+    [-1.0, 0.0, 1.0, 2.0, 2.96, 3.86]
+    """
+    linear, third = _ARTANH_ERF[:2]
+    reach = float(np.sqrt(3 * third / linear))
+    root = np.log(odds)
+    root *= 0.75 * reach / linear
+    np.arcsinh(root, out=root)
+    root /= 3
+    np.sinh(root, out=root)
+    root *= 2 / reach
+    return root
+
+
 @lru_cache(maxsize=256)
 def gaussian_taps(sigma_px: float) -> np.ndarray:
     """Return a sampled Gaussian of sum 1 whose variance over the pixels is exactly sigma_px².

@@ -1,7 +1,12 @@
 """The footprint of a part: its edge distance, centre and size."""
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, grey_dilation
+
+
+def stands(heights):
+    """Return where a part stands: pixels that a wall leaves at least half full, beside the highest around."""
+    return (heights > 0) & (2 * heights >= grey_dilation(heights, size=(3, 3)))
 
 
 def edge_distance(standing, grid):

@@ -21,7 +21,7 @@ from tests.press import focus
 from tests.press.effect import Scene, make
 from tests.press.gauss import SIGMA_PER_FWHM, along_z, lateral
 from tests.press.grid import GHOSTS, plane_grid, with_layers
-from tests.press.voxels import fill_fractions, peak, top_crossing, with_true_moment
+from tests.press.voxels import fill_fractions, peak, solid_shares, with_true_moment
 
 THICKEST_LAYER_UM = 0.15
 
@@ -172,9 +172,8 @@ def _develop(excess, grid, press):
         full = expit(-press.contrast * np.log(press.threshold))
         solid = np.minimum(expit(press.contrast * np.log(np.maximum(excess[resin], 1e-6))) / full, 1)
         return solid.sum(axis=0, dtype=float) * grid.dz, solid
-    height = top_crossing(excess, grid)
-    bottom = (grid.z[resin] - grid.dz / 2)[:, None, None]
-    return height, np.clip((height - bottom) / grid.dz, 0, 1).astype(np.float32)
+    solid = solid_shares(excess, grid)
+    return solid.sum(axis=0, dtype=float) * grid.dz, solid
 
 
 def _conversion(excess, dose, press, effects):

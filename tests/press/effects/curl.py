@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.press.effect import PrintEffect, effect
-from tests.press.footprint import centroid, half_size
+from tests.press.footprint import centroid, half_size, stands
 
 
 @effect("curl")
@@ -16,7 +16,7 @@ class Curl(PrintEffect):
     rise_um: float = 0.0
 
     def geometry(self, heights, grid):
-        standing = heights > 0
+        standing = stands(heights)
         if self.rise_um == 0 or not standing.any():
             return heights
         cx, cy = centroid(standing, grid)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.press.effect import PrintEffect, effect
-from tests.press.footprint import edge_distance
+from tests.press.footprint import edge_distance, stands
 
 
 @effect("edge-drying")
@@ -17,6 +17,6 @@ class EdgeDrying(PrintEffect):
     length_um: float = 3.0
 
     def geometry(self, heights, grid):
-        standing = heights > 0
+        standing = stands(heights)
         sunk = heights - self.depth_um * np.exp(-edge_distance(standing, grid) / self.length_um)
         return np.where(standing, np.maximum(sunk, 0), heights)

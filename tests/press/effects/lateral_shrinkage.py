@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
 from tests.press.effect import PrintEffect, effect
-from tests.press.footprint import centroid
+from tests.press.footprint import centroid, stands
 from tests.press.sampling import Surface, covered
 
 
@@ -36,7 +36,7 @@ class LateralShrinkage(PrintEffect):
     def _scaled(self, heights, grid):
         """Return a function of z: where the material now at (x, y) came from."""
         x, y = np.meshgrid(grid.x, grid.y)
-        cx, cy = centroid(heights > 0, grid)
+        cx, cy = centroid(stands(heights), grid)
 
         def came_from(z):
             ratio = 1 - self.strain * -np.expm1(-z / self.pin_height_um)
