@@ -15,6 +15,7 @@ from dlwpredict.infer.priors import LATERAL, NUISANCES, PARAMETERS, PLACE, Prior
 from dlwpredict.infer.recording import Recording, prepare
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import Whitened, gradient
+from dlwpredict.metrology.walls import near_walls
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import Paper, ParameterSet, declarations
@@ -134,14 +135,15 @@ class TestDerivatives:
     def test_finite_differences_are_derivatives(self, name):
         """Against central differences of a step ten times smaller, to a tenth."""
         rng = np.random.default_rng(1)
-        target = HeightMap(np.pad(rng.uniform(2, 5, (16, 16)), 3), 0.5, 0.5)
+        target = HeightMap(np.pad(rng.uniform(3, 4.9, (16, 16)), 3), 0.5, 0.5)
+        inside = ~near_walls(target, 2)  # the share of a pixel bends where the edge enters it
         free = choose(ParameterSet(paper=Paper(threshold=0.4)), free=(name,))
         objective = objective_of(prepare(target, target, wall_px=0))
         found = objective.derivatives(objective.at(free, free.start), [0])[0][0]
         step = 2e-3 * free.start[0]
         above, below = (objective.at(free, free.start + sign * step).traces[0].heights_um for sign in (1, -1))
         expected = (above - below) / (2 * step)
-        assert np.sqrt(np.mean((found - expected) ** 2)) < 0.1 * np.sqrt(np.mean(expected**2))
+        assert np.sqrt(np.mean((found - expected)[inside] ** 2)) < 0.1 * np.sqrt(np.mean(expected[inside] ** 2))
 
     def test_at_a_bound_they_are_those_beside_it(self):
         """At the upper end of a range the step goes the other way."""

@@ -13,6 +13,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.edges import Edges, Level, near_steps, taken
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Dose, Focus
+from dlwpredict.model.steps import WALL
 from dlwpredict.numerics.parallel import corners, each
 from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, ndtr
 
@@ -29,9 +30,6 @@ moving layers would make the prediction jump by nanometres under a fit."""
 
 ABOVE_SIGMAS = 2.5
 """Levels end this many axial standard deviations above the part where the local dose can lift its surface."""
-
-WALL_LEVELS = 2
-"""A step of the heights that is higher than so many levels becomes a wall, which exposure does not resolve in z."""
 
 WALL_SIGMAS, WALL_LAGS = 2.0, 3.0
 """The edge stays so near to the step, in lateral standard deviations and lags: thresholds are 0.05 to 0.95."""
@@ -166,18 +164,16 @@ class _Exposure:
         nominal = np.maximum(self._spread(lambda part: written), _TINY)
         return np.maximum(self._spread(lambda part: columns.highest) / nominal, _TINY)
 
-    def near_walls(self, step_um: float) -> np.ndarray:
-        """Return the pixels that the edge of the exposed resin may run through, shape (rows, cols).
-
-        A step of the heights becomes a wall where it is higher than the focus is long: there are several levels in it.
-        """
+    def near_walls(self) -> np.ndarray:
+        """Return how much it counts that the edge of the exposed resin may run through a pixel, shape (rows, cols)."""
         away = sum(
             part.weight
             * (WALL_SIGMAS * max(part.fwhm_x_um, part.fwhm_y_um) / FWHM_PER_SIGMA + WALL_LAGS * abs(part.lag_y_um))
             for part in self.focus
         )
-        reach = [int(np.ceil(away / pitch)) for pitch in (self.dy_um, self.dx_um)]
-        return near_steps(self.heights_um, WALL_LEVELS * step_um, reach)[self.kept]
+        pitches = self.dy_um, self.dx_um
+        steps, reach = [WALL * pitch for pitch in pitches], [away / pitch for pitch in pitches]
+        return near_steps(self.heights_um, steps, reach)[self.kept]
 
     def _spread(self, plane_of: Callable[[Focus], np.ndarray]) -> np.ndarray:
         parts = (
@@ -195,7 +191,7 @@ def _surface_of_tile(
     """
     least, most = (1.0, 1.0) if factors is None else (float(factors.weights.min()), float(factors.weights.max()))
     highest = exposure.highest_dose()
-    walls = np.zeros((1, 1), dtype=bool) if whole_pixels else exposure.near_walls(step)
+    walls = np.zeros((1, 1)) if whole_pixels else exposure.near_walls()
     foot = WALL_FOOT_SIGMAS if walls.any() else 0.0
     first, last = _levels_around(exposure, threshold * least, threshold * most, float(np.max(highest)), step, foot)
     shape = exposure.heights_um[exposure.kept].shape
@@ -210,7 +206,7 @@ def _surface_of_tile(
         if len(around) == 4:
             crossings.add(k - 2, around, dose)
     surface = np.maximum(crossings.heights(shape), 0)
-    surface.flat[edges.places] += edges.steps
+    surface.flat[edges.places] += edges.share * edges.steps
     return np.maximum(surface, 0) * step
 
 

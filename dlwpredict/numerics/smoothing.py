@@ -35,6 +35,9 @@ NEWTON_STEPS = 60
 _ARTANH_ERF = (0.79786971, 0.036392286, -8.7826621e-5, -3.6693431e-5, 1.425005e-6)
 """artanh(2Φ(x) − 1) / x as a polynomial in x², fitted for the smallest error of Φ up to 6; it rises beyond."""
 
+_NDTRI = (0.0168853670, 0.624387671), (6.03085565e-5, 0.0431534137, 1.0)
+"""Φ⁻¹ / logit as a ratio of polynomials in logit², fitted for the smallest error up to 3.75."""
+
 
 def ndtr(x: np.ndarray) -> np.ndarray:
     """Return Φ(x), the integral of the standard Gaussian, to 1.5e-6: five times quicker than SciPy's.
@@ -58,26 +61,21 @@ def ndtr(x: np.ndarray) -> np.ndarray:
 
 
 def ndtri(odds: np.ndarray) -> np.ndarray:
-    """Return Φ⁻¹(p) for odds p / (1 − p), to 4 % up to 4: SciPy's takes longer to load than a small prediction.
-
-    The real root of c₁ x³ + c₀ x = ½ ln(odds), the first two terms of `_ARTANH_ERF`.
+    """Return Φ⁻¹(p) for odds p / (1 − p), to 0.0014 up to ±3.75: SciPy's takes longer to load than a small prediction.
 
     Examples
     --------
     >>> from scipy import special
-    >>> p = special.ndtr(np.array([-1.0, 0.0, 1.0, 2.0, 3.0, 4.0]))
-    >>> ndtri(p / (1 - p)).round(2).tolist()
-    [-1.0, 0.0, 1.0, 2.0, 2.96, 3.86]
+    >>> x = np.linspace(-3.75, 3.75, 751)
+    >>> bool(np.abs(ndtri(special.ndtr(x) / special.ndtr(-x)) - x).max() < 0.0014)
+    True
     """
-    linear, third = _ARTANH_ERF[:2]
-    reach = float(np.sqrt(3 * third / linear))
-    root = np.log(odds)
-    root *= 0.75 * reach / linear
-    np.arcsinh(root, out=root)
-    root /= 3
-    np.sinh(root, out=root)
-    root *= 2 / reach
-    return root
+    logit = np.log(odds)
+    square = logit * logit
+    above, below = (np.polyval(coefficients, square) for coefficients in _NDTRI)
+    logit *= above
+    logit /= below
+    return logit
 
 
 @lru_cache(maxsize=256)
