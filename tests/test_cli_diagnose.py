@@ -25,7 +25,7 @@ from dlwpredict.process import predict
 PROCESS = Paper(exposure_fwhm_z_um=1.7, threshold=0.47, shrinkage_min=0.74, shrinkage_max=0.96)
 NOISE = Noise(0.004, 0.01, 1.0, 0.4, 0.4)
 DRYING = library()["edge-drying"](depth_um=0.15, length_um=3.0)
-PART = {"size_um": 20.0, "pitch_um": 0.4, "margin_um": 4.0}
+PART = {"size_um": 24.0, "pitch_um": 0.4, "margin_um": 4.0}
 
 
 def recorded(target, seed, *effects):

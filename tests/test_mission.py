@@ -28,24 +28,22 @@ NOTHING, ONE = 250, 500
 """Predictions of all recordings that a diagnosis may take at most, with nothing and with one effect concealed."""
 
 MISSED = {
-    "galvo-lag": "a lag shorter than a pixel is taken for astigmatism",
     "slope-error": "an offset of the interface comes within 4 % of its gain",
 }
-"""A lag shorter than a pixel is taken for astigmatism. A slope error has a rival within 4 % of its gain, less than a
+"""A slope error has a rival within 4 % of its gain, less than a
 form is trusted to: an offset of the interface, with a threshold of 0.22."""
 
-OFF = {"galvo-lag": "not named"}
 """Those whose strength comes out beside its interval."""
 
 DEAR = {
-    "galvo-lag": "what no form fits is looked for among many",
+    "z-linearity": "takes 533: its period is one of many",
+    "slope-error": "takes 504, by rounding a few more or less: three others come within its reach",
 }
-"""Those for which it takes more: what no form fits, or a focus far from its prior, is looked for among many."""
 
 
 def but_for(missed):
-    """Return all names; what is known to be missed must be so, or the mark goes."""
-    marks = {one: pytest.mark.xfail(strict=True, reason=why) for one, why in missed.items()}
+    """Return all names; what is known to be missed must be so, or the mark goes, but where it hangs on rounding."""
+    marks = {one: pytest.mark.xfail(strict="rounding" not in why, reason=why) for one, why in missed.items()}
     return [pytest.param(one, marks=marks.get(one, ())) for one in NAMED]
 
 
@@ -71,7 +69,7 @@ def test_a_concealed_effect_is_named_alone_and_on_its_side(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", but_for(OFF))
+@pytest.mark.parametrize("name", NAMED)
 def test_the_interval_of_its_strength_holds_the_truth(name):
     settings, _ = NAMED[name]
     found, _ = answer_to(name)

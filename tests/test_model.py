@@ -125,7 +125,7 @@ class TestChain:
         printed = predict(part, ParameterSet()).heights_um
         corner = round(0.6 / PITCH)
         rows = np.flatnonzero((part.heights_um > 0).any(axis=1))[corner:-corner]
-        np.testing.assert_array_equal(printed[rows] > 0, part.heights_um[rows] > 0)
+        np.testing.assert_array_equal(printed[rows] > printed.max() / 2, part.heights_um[rows] > 0)
 
     def test_flat_block_rises_towards_its_centre(self):
         printed = predict(block(), ParameterSet()).heights_um

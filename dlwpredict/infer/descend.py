@@ -124,8 +124,7 @@ def _step(now: Fit, damping: float) -> tuple[np.ndarray, float]:
     whole, goal = triangle[:columns, :columns], triangle[:columns, columns]
     ridge = np.diag(np.sqrt(damping) * np.maximum(sizes, 1e-6 * sizes.max(initial=1e-12)))
     reach = np.minimum((low - here) / width, -1e-12), np.maximum((high - here) / width, 1e-12)
-    change = _inside(np.vstack([whole, ridge]), np.concatenate([goal, np.zeros(columns)]), reach)
-    change = _ordered(free, here, change, width)
+    change = _ordered(free, (here, width), np.vstack([whole, ridge]), np.concatenate([goal, np.zeros(columns)]), reach)
     return bent(free, here + change * width), float(goal @ goal - np.sum((goal - whole @ change) ** 2))
 
 
@@ -133,18 +132,32 @@ def _inside(matrix: np.ndarray, goal: np.ndarray, reach: tuple[np.ndarray, np.nd
     return lsq_linear(matrix, goal, bounds=reach, method="bvls").x
 
 
-def _ordered(free: Free, here: np.ndarray, change: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return the change shortened where it would lift κ_min above κ_max: both meet on the way."""
+def _ordered(
+    free: Free,
+    place: tuple[np.ndarray, np.ndarray],
+    matrix: np.ndarray,
+    goal: np.ndarray,
+    reach: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """Return the best change that does not lift κ_min above κ_max, from a place and in the widths of the bounds there.
+
+    Where the best of all would, the two meet, and κ_max is eliminated: it goes where κ_min goes. A step that is only
+    shortened to there can promise less than nothing, as if a descent had converged.
+    """
+    change, (here, width) = _inside(matrix, goal, reach), place
     a, b = free.index("shrinkage_min"), free.index("shrinkage_max")
-    if a is None or b is None:
+    if a is None or b is None or change[a] * width[a] - change[b] * width[b] <= here[b] - here[a]:
         return change
-    gap, closing = here[b] - here[a], change[a] * width[a] - change[b] * width[b]
-    if closing <= gap:
-        return change
-    shortened = change.copy()
-    middle = (here[a] + change[a] * width[a] + here[b] + change[b] * width[b]) / 2
-    shortened[a], shortened[b] = (middle - here[a]) / width[a], (middle - here[b]) / width[b]
-    return shortened
+    ratio, gap = width[a] / width[b], (here[a] - here[b]) / width[b]  # change[b] = gap + ratio · change[a]
+    merged = matrix.copy()
+    merged[:, a] += ratio * matrix[:, b]
+    low, high = (ends.copy() for ends in reach)
+    low[a], high[a] = max(low[a], (low[b] - gap) / ratio), min(high[a], (high[b] - gap) / ratio)
+    high[a] = max(high[a], low[a] + 1e-12)
+    others = np.arange(len(change)) != b
+    change[others] = _inside(merged[:, others], goal - gap * matrix[:, b], (low[others], high[others]))
+    change[b] = gap + ratio * change[a]
+    return change
 
 
 def _broyden(now: Fit, trial: Fit) -> np.ndarray:

@@ -8,7 +8,6 @@ part: 30 nm rms at pixels of 0.5 µm. The share of the pixel that is exposed mov
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,17 +30,6 @@ _CUBIC = np.stack(
 _LEAST = 1e-4  # share of the dose: what single precision tells from 0 and 1 in Φ⁻¹, to 1e-3
 _FAR = 30.0  # pixels: no edge is near, and single precision keeps the share
 _EVEN = 1e-3  # of a pixel: where an edge runs as straight up as this, its two ends are as good as one place
-
-
-class Level(NamedTuple):
-    """Exposure, threshold and which pixels' centres are exposed on one level of a tile, shape (rows, cols) each.
-
-    The threshold is (1, 1) where it is the same everywhere.
-    """
-
-    exposure: np.ndarray
-    threshold: np.ndarray
-    exposed: np.ndarray
 
 
 def taken(plane: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -105,46 +93,43 @@ class Edges:
         self.pixels, neighbours = np.unique(pixels, return_inverse=True)
         self.neighbours = neighbours.reshape(len(moves), -1)
         self.dose = taken(dose, self.pixels)
-        self.steps = np.zeros(len(self.places))
-        self.around: list[np.ndarray] = []
+        self.above: list[np.ndarray] = []
+        self.across: list[np.ndarray] = []
 
-    def rise(self, index: int, level: Level) -> None:
-        """Go on to a level, index steps high: take in what lies between the two before it, or down to the glass."""
-        if not len(self.places):
-            return
-        inside = self.inside(level)
-        if not self.around:  # below the first level all is as there
-            self.around = [inside]
-            distance = _quotient(inside)
-            self.steps += max(index, 0) * (np.clip(0.5 + distance, 0, 1) - (distance > 0))
-        self.around = [*self.around[-3:], inside]
-        if len(self.around) == 4 and index >= 2:
-            below, above = (np.abs(_quotient(one)) for one in self.around[1:3])
-            some = np.flatnonzero(np.minimum(below, above) < 1)
-            at = np.tensordot(_CUBIC, np.stack([one[:, some] for one in self.around]), 1)
-            distance = _quotient(at.swapaxes(0, 1))
-            ends = distance[:-1], distance[1:]
-            self.steps[some] += (mean_share(*ends) - centre_share(*ends)).mean(axis=0)
-
-    def inside(self, level: Level) -> np.ndarray:
-        """Return how far exposure at some pixels' centres is above the threshold, and what it changes by per pixel.
+    def rise(self, exposures: np.ndarray, thresholds: np.ndarray, exposed: np.ndarray) -> None:
+        """Go on to some higher levels, (levels, rows, cols): how much above the threshold exposure is, and how steep.
 
         Both as Φ⁻¹(E/D), which is linear in the distance from a straight wall. A pixel seen along the gradient g is as
         wide as a box of the same variance, √((g_x·dx)² + (g_y·dy)²); slopes are means of the sizes of those to both
-        neighbours, so that a ridge has one, too. Shape (2, pixels).
+        neighbours, so that a ridge has one, too.
         """
-        of_dose = (taken(plane, self.pixels) / self.dose for plane in (level.exposure, level.threshold))
-        shares = [np.minimum(np.maximum(share, _LEAST), 1 - _LEAST) for share in of_dose]
+        planes = (np.stack([taken(plane, self.pixels) for plane in levels]) for levels in (exposures, thresholds))
+        shares = [np.minimum(np.maximum(plane / self.dose, _LEAST), 1 - _LEAST) for plane in planes]
         exposure, threshold = (ndtri(share / (1 - share)) for share in shares)
-        here, below, above, right, left = (exposure - threshold).take(self.neighbours)
-        down, up, east, west = (np.abs(other - here) for other in (below, above, right, left))
-        here = np.where(level.exposed.take(self.places), np.maximum(here, FAINT), np.minimum(here, -FAINT))
-        return np.stack([here, np.sqrt((down + up) ** 2 + (east + west) ** 2) / 2])
+        here, *around = np.moveaxis((exposure - threshold)[:, self.neighbours], 1, 0)
+        down, up, east, west = (np.abs(other - here) for other in around)
+        inside = exposed.reshape(len(exposed), -1)[:, self.places]
+        self.above.append(np.where(inside, np.maximum(here, FAINT), np.minimum(here, -FAINT)))
+        self.across.append(np.sqrt((down + up) ** 2 + (east + west) ** 2) / 2)
+
+    def steps(self, first: int) -> np.ndarray:
+        """Return what shares add to the heights of centres, in steps of the levels; the lowest level is the first."""
+        # below the first level all is as there
+        above, across = (np.concatenate([planes[0][:1], *planes]) for planes in (self.above, self.across))
+        distance = _distance(above, across)
+        total = max(first, 0) * (np.clip(0.5 + distance[0], 0, 1) - (distance[0] > 0))
+        near = np.minimum(np.abs(distance[1:-2]), np.abs(distance[2:-1])) < 1
+        near[: max(-first, 0)] = False
+        level, place = np.nonzero(near)
+        four = (np.stack([planes[level + k, place] for k in range(4)]) for planes in (above, across))
+        between = _distance(*(_CUBIC @ values for values in four))
+        ends = between[:-1], between[1:]
+        more = (mean_share(*ends) - centre_share(*ends)).mean(axis=0)
+        return self.share * (total + np.bincount(place, more, len(self.places)))
 
 
-def _quotient(inside: np.ndarray) -> np.ndarray:
-    """Return the distance from the edge in pixels, `_FAR` where none is near, given the two parts of it."""
-    above, across = inside
+def _distance(above: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Return the distance from the edge in pixels, `_FAR` where none is near."""
     return np.clip(above / np.maximum(across, FAINT), -_FAR, _FAR)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.model.edges import Edges, Level, near_steps, taken
+from dlwpredict.model.edges import Edges, near_steps, taken
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Dose, Focus
 from dlwpredict.model.steps import WALL
@@ -35,7 +36,7 @@ WALL_SIGMAS, WALL_LAGS = 2.0, 3.0
 """The edge stays so near to the step, in lateral standard deviations and lags: thresholds are 0.05 to 0.95."""
 
 WALL_FOOT_SIGMAS = 1.5
-"""So far below the lowest surface a pixel at a wall's foot may still seem to have an edge (`Edges.inside` below ½)."""
+"""So far below the lowest surface a pixel at a wall's foot may still seem to have an edge (`Edges.rise`)."""
 
 LARGEST_FRACTION = 0.95
 """Largest threshold as a fraction of the local dose at which the logit is still smooth in z."""
@@ -197,17 +198,32 @@ def _surface_of_tile(
     shape = exposure.heights_um[exposure.kept].shape
     dose = np.maximum(highest, threshold * most / LARGEST_FRACTION)
     dose = np.atleast_2d(dose.astype(np.float32))
-    crossings, edges, around = _Crossings(), Edges(walls, dose), list[Level]()
-    for k, exposed in _levels(exposure, first, last, step):
-        wanted = np.atleast_2d(np.float32(threshold) * (np.float32(1) if factors is None else factors.at(k)))
-        level = Level(exposed, wanted, exposed >= wanted)
-        around = [*around[-3:], level] if around else [level, level]  # below the first all is as there
-        edges.rise(k, level)
-        if len(around) == 4:
-            crossings.add(k - 2, around, dose)
+    crossings, edges, around = _Crossings(), Edges(walls, dose), list[_Level]()
+    for start in range(first, last, LEVELS_AT_ONCE):
+        some = range(start, min(start + LEVELS_AT_ONCE, last))
+        exposures = exposure.at([k * step for k in some])
+        factor = np.ones((len(some), 1, 1), np.float32) if factors is None else np.stack([factors.at(k) for k in some])
+        thresholds = np.float32(threshold) * factor
+        exposed = exposures >= thresholds
+        if len(edges.places):
+            edges.rise(exposures, thresholds, exposed)
+        for k, *planes in zip(some, exposures, thresholds, exposed, strict=True):
+            level = _Level(*planes)
+            around = [*around[-3:], level] if around else [level, level]  # below the first all is as there
+            if len(around) == 4:
+                crossings.add(k - 2, around, dose)
     surface = np.maximum(crossings.heights(shape), 0)
-    surface.flat[edges.places] += edges.share * edges.steps
+    if len(edges.places):
+        surface.flat[edges.places] += edges.steps(first)
     return np.maximum(surface, 0) * step
+
+
+class _Level(NamedTuple):
+    """Exposure, threshold and which pixels' centres are exposed on one level of a tile, (rows, cols) or (1, 1)."""
+
+    exposure: np.ndarray
+    threshold: np.ndarray
+    exposed: np.ndarray
 
 
 class _Crossings:
@@ -218,7 +234,7 @@ class _Crossings:
         self.levels: list[np.ndarray] = []
         self.margins: list[np.ndarray] = []
 
-    def add(self, index: int, around: Sequence[Level], dose: np.ndarray) -> None:
+    def add(self, index: int, around: Sequence[_Level], dose: np.ndarray) -> None:
         """Take the columns that leave between the second and the third of four levels; the second has this index."""
         places = np.flatnonzero(around[1].exposed & ~around[2].exposed)
         self.places.append(places)
@@ -238,13 +254,6 @@ class _Crossings:
             roots = _cubic_root(*np.concatenate(self.margins, axis=-1)).astype(float)
             surface[np.concatenate(self.places)] = np.concatenate(self.levels) + roots
         return surface.reshape(shape)
-
-
-def _levels(exposure: _Exposure, first: int, last: int, step: float) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the exposure on the levels k · step, first ≤ k < last."""
-    for start in range(first, last, LEVELS_AT_ONCE):
-        some = range(start, min(start + LEVELS_AT_ONCE, last))
-        yield from zip(some, exposure.at([k * step for k in some]), strict=True)
 
 
 def _levels_around(

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -100,7 +101,7 @@ def _run(command: list[str], where: Path) -> tuple[int, str, float]:
         told.seek(0)
         lines = told.read().decode(errors="replace").strip().splitlines()
     cpu_s = used.ru_utime + used.ru_stime
-    if late or cpu_s >= LONGEST_S:
+    if late or -process.returncode in (signal.SIGXCPU, signal.SIGKILL):
         return -1, f"took longer than {LONGEST_S:.0f} s", cpu_s
     return process.returncode, (lines or [""])[-1] if process.returncode else "", cpu_s
 
