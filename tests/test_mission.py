@@ -30,15 +30,13 @@ NOTHING, ONE = 250, 500
 MISSED = {
     "slope-error": "an offset of the interface comes within 4 % of its gain",
 }
-"""A slope error has a rival within 4 % of its gain, less than a
-form is trusted to: an offset of the interface, with a threshold of 0.22."""
-
-"""Those whose strength comes out beside its interval."""
+"""It has a rival within 4 % of its gain, less than a form is trusted to: with a threshold of 0.22."""
 
 DEAR = {
-    "z-linearity": "takes 533: its period is one of many",
-    "slope-error": "takes 504, by rounding a few more or less: three others come within its reach",
+    "z-linearity": "takes 533, not traced",
+    "slope-error": "takes 504, by rounding a few more or less",
 }
+"""Those for which it takes more."""
 
 
 def but_for(missed):
