@@ -25,7 +25,9 @@ from dlwpredict.process import predict
 PROCESS = Paper(exposure_fwhm_z_um=1.7, threshold=0.47, shrinkage_min=0.74, shrinkage_max=0.96)
 NOISE = Noise(0.004, 0.01, 1.0, 0.4, 0.4)
 DRYING = library()["edge-drying"](depth_um=0.15, length_um=3.0)
-PART = {"size_um": 24.0, "pitch_um": 0.4, "margin_um": 4.0}
+PART = {"size_um": 20.0, "pitch_um": 0.4, "margin_um": 4.0}
+LARGER = PART | {"size_um": 24.0}
+"""One such part alone tells the process: what is left out is predicted by the other."""
 
 
 def recorded(target, seed, *effects):
@@ -40,6 +42,9 @@ def folder(tmp_path_factory):
         write_height_map(folder / f"t{k}.tif", target)
         write_height_map(folder / f"plain{k}.tif", recorded(target, 10 + k))
         write_height_map(folder / f"dried{k}.tif", recorded(target, 20 + k, DRYING))
+    for k, target in enumerate((designs.air(**LARGER), designs.stairs(feature_um=2.5, **LARGER))):
+        write_height_map(folder / f"larger{k}.tif", target)
+        write_height_map(folder / f"larger_dried{k}.tif", recorded(target, 20 + k, DRYING))
     write_height_map(folder / "dried0_again.tif", recorded(designs.air(**PART), 30, DRYING))
     return folder
 
@@ -49,7 +54,8 @@ def called(folder, *words):
 
 
 def pairs(kind):
-    return [w for k in (0, 1) for w in ("--pair", f"t{k}.tif", f"{kind}{k}.tif")]
+    target = "larger" if kind.startswith("larger") else "t"
+    return [w for k in (0, 1) for w in ("--pair", f"{target}{k}.tif", f"{kind}{k}.tif")]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +71,7 @@ def dried(folder, tmp_path_factory):
         "--params-out",
         out / "extended.yaml",
     ]
-    found = called(folder, *pairs("dried"), "-o", str(out / "d.yaml"), *map(str, files))
+    found = called(folder, *pairs("larger_dried"), "-o", str(out / "d.yaml"), *map(str, files))
     assert found.exit_code == 0, found.output
     return out, found
 

@@ -104,6 +104,7 @@ def test_a_dome_that_radicals_might_make_as_well_is_doubted():
 def test_two_effects_of_both_sides_are_both_named():
     found, _ = both_sides()
     first, second = (one.names for one in found.named)
+    assert not {*first, *second} & set(found.doubted)
     assert first == ["dose-memory"]
     assert second[0] == "slope-error"
 

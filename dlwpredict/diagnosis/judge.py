@@ -170,12 +170,14 @@ class Judge:
         extended = self.model(search, names)
         left = extended.left if extended.unexplained else 0.0
         tried = frozenset().union(*search.fitted)
+        named = tuple(named_in(search, names, left)) if complete or names else ()
+        said = {name for one in named for name in one.names}
         return Diagnosis(
             self.recordings,
             self.noise,
             self.baseline,
             extended,
-            tuple(named_in(search, names, left)) if complete or names else (),
+            named,
             search.first,
             search.asked,
             self.null,
@@ -185,7 +187,7 @@ class Judge:
             tuple(self.mismatch),
             self.holdout,
             self.left_out,
-            tuple(search.doubted(names)),
+            tuple(name for name in search.doubted(names) if name not in said),
             () if complete else tuple(sorted(set(search.first.names) - tried)),
             complete,
         )

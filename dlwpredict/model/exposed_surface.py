@@ -35,8 +35,8 @@ ABOVE_SIGMAS = 2.5
 WALL_SIGMAS, WALL_LAGS = 2.0, 3.0
 """The edge stays so near to the step, in lateral standard deviations and lags: thresholds are 0.05 to 0.95."""
 
-WALL_FOOT_SIGMAS = 1.5
-"""So far below the lowest surface a pixel at a wall's foot may still seem to have an edge (`Edges.rise`)."""
+WALL_Z_SIGMAS = 1.5
+"""So far below the lowest surface and above the highest a pixel beside a wall may still seem to have an edge."""
 
 LARGEST_FRACTION = 0.95
 """Largest threshold as a fraction of the local dose at which the logit is still smooth in z."""
@@ -193,8 +193,8 @@ def _surface_of_tile(
     least, most = (1.0, 1.0) if factors is None else (float(factors.weights.min()), float(factors.weights.max()))
     highest = exposure.highest_dose()
     walls = np.zeros((1, 1)) if whole_pixels else exposure.near_walls()
-    foot = WALL_FOOT_SIGMAS if walls.any() else 0.0
-    first, last = _levels_around(exposure, threshold * least, threshold * most, float(np.max(highest)), step, foot)
+    beside = WALL_Z_SIGMAS if walls.any() else 0.0
+    first, last = _levels_around(exposure, threshold * least, threshold * most, float(np.max(highest)), step, beside)
     shape = exposure.heights_um[exposure.kept].shape
     dose = np.maximum(highest, threshold * most / LARGEST_FRACTION)
     dose = np.atleast_2d(dose.astype(np.float32))
@@ -257,7 +257,7 @@ class _Crossings:
 
 
 def _levels_around(
-    exposure: _Exposure, least: float, most: float, dose: float, step: float, foot_sigmas: float
+    exposure: _Exposure, least: float, most: float, dose: float, step: float, beside_sigmas: float
 ) -> tuple[int, int]:
     """Return the range of levels that encloses every crossing of thresholds from the least to the most.
 
@@ -271,10 +271,10 @@ def _levels_around(
     widest = _widest_um(exposure.focus, highest)
     above = min(max(-_quantile(min(least / dose, 0.5)), 0.0), ABOVE_SIGMAS) * widest
     if lowest > 0 and exposure.columns is None:
-        bottom = int(max(lowest - (max(_quantile(most), 0.0) + foot_sigmas) * widest, 0) / step - _ROUNDING) - 1
+        bottom = int(max(lowest - (max(_quantile(most), 0.0) + beside_sigmas) * widest, 0) / step - _ROUNDING) - 1
     else:
         bottom = _lowest_level(heights, widest, step)
-    return bottom, int((highest + above) / step + _ROUNDING) + 3
+    return bottom, int((highest + above + beside_sigmas * widest) / step + _ROUNDING) + 3
 
 
 def _quantile(share: float) -> float:
