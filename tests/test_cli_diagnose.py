@@ -119,7 +119,7 @@ def test_content_has_the_keys_that_others_rely_on(dried):
 def test_maps_add_up(folder, dried):
     for k in (0, 1):
         maps = {n: read_height_map(dried[0] / "maps" / f"{n}_{k}.tif") for n in ("residual", "explained", "remainder")}
-        target = read_height_map(folder / f"t{k}.tif")
+        target = read_height_map(folder / f"larger{k}.tif")
         assert maps["residual"].shape == target.shape
         assert maps["residual"].dx_um == pytest.approx(target.dx_um)
         added = maps["explained"].heights_um + maps["remainder"].heights_um
