@@ -109,8 +109,10 @@ def test_of_a_lens_only_what_differs_along_its_axes_is_a_scale_of_the_microscope
     assert found.distortion_test["affine"]["untold"]
     errors = np.subtract(found.pose.scale, (1.018, 1.0)) / found.uncertainty["scale"]
     assert np.all(np.abs(errors) < 2)
-    along_x, along_y = align(seen, lens, distortion="affine").pose.scale
-    assert along_x - along_y == pytest.approx(0.018, abs=1.5e-3) and (along_x + along_y) / 2 < 1.007
+    forced = align(seen, lens, distortion="affine")  # whose mean is wrong by more than it says
+    along_x, along_y = forced.pose.scale
+    assert along_x - along_y == pytest.approx(0.018, abs=1.5e-3)
+    assert (along_x + along_y) / 2 < 1.009 - 3 * max(forced.uncertainty["scale"])
 
 
 @pytest.mark.slow

@@ -684,7 +684,7 @@ def test_at_the_end_of_a_circle_the_same_effect_is_said_otherwise(one):
     assert other != one and other.elsewhere() == one
     part = HeightMap(pad(8, 12).heights_um + np.random.default_rng(0).random((30, 30)), PITCH, PITCH)
     shown = [predict(part, ParameterSet(PAPER, effects=(e,)), as_measured=True).heights_um for e in (one, other)]
-    np.testing.assert_allclose(*shown, atol=2e-5)  # 2e-6 of a column's share where a wall runs through a pixel
+    np.testing.assert_allclose(*shown, atol=2e-5)  # `SINGLE_UM` of test_properties: single precision beside walls
 
 
 def test_elsewhere_an_effect_is_what_it_is():
