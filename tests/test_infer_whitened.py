@@ -112,6 +112,15 @@ class TestNuisances:
         there, here = (item.nuisance_maps(one)[:, used] for one in (shrunk, heights))
         np.testing.assert_array_equal(there, here)
 
+    def test_a_flank_that_pixels_resolve_is_read(self):
+        """Beside the middle of fine rings, which counts as a wall; a parabola from beside it is off by 30 nm."""
+        target = designs.cin(size_um=20.4, pitch_um=0.4, margin_um=2, height_um=2.4, period_min_um=2.6)
+        item = item_of(target, target)
+        heights, beside = predict(target, ParameterSet()).heights_um, (slice(20, 40), slice(20, 40))
+        assert not item.recording.used[beside].all()
+        moved = replace(item, shift_um=(0.0, -0.1)).moved(heights)
+        np.testing.assert_array_equal(moved[beside], shifted(heights, target, (0.0, -0.1))[0][beside])
+
     def test_what_is_registered_is_the_change_with_nuisances_as_they_are(self):
         """F ↦ f − ∇f·u is linear: by hand, of two maps and of their difference."""
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)

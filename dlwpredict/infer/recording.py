@@ -13,7 +13,7 @@ from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
 from dlwpredict.infer.priors import LATERAL, LEVELLING, NUISANCES
-from dlwpredict.metrology.walls import WALL_PX, near_walls, near_walls_of_both
+from dlwpredict.metrology.walls import WALL_PX, near_unresolved_walls, near_walls_of_both
 from dlwpredict.numerics.continuation import Continuation
 from dlwpredict.process import check_target
 
@@ -64,9 +64,10 @@ class Recording:
         """How a prediction goes on from the points that count into walls.
 
         One is moved by reading it between its pixels. Beside a wall that must not be read: it may be printed a pixel
-        from where the target has it, and moves with the parameters, by jumps from pixel to pixel.
+        from where the target has it, and moves with the parameters. A steep flank that pixels resolve is read: nothing
+        tells how a wave goes on.
         """
-        return Continuation.across(near_walls(self.target) & ~self.used)
+        return Continuation.across(near_unresolved_walls(self.target) & ~self.used)
 
     @property
     def scans(self) -> bool:

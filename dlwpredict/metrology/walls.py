@@ -15,6 +15,10 @@ of the same physics differ there by 20–30 nm and more."""
 JUMP_UM, JUMP_SLOPE = 0.2, 1.0
 """A wall is a jump between neighbours that exceeds what the slope around explains by this much, and by this slope."""
 
+RESOLVED, NEIGHBOURS = 0.25, np.array([1, -6, 15, 0, 15, -6, 1]) / 20
+"""A wall is none that pixels resolve where a height differs from what its six neighbours along a line tell (a quintic)
+by more than this share of a wall's least jump. A step of twice that is one; a wave of seven pixels is none."""
+
 SMEARED_PX = 2
 """An instrument's blur smears a wall over so many pixels to either side; its place is where the jump is largest."""
 
@@ -33,6 +37,23 @@ def near_walls(part: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
     [0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 0, 0]
     """
     return _within(wall_px, _walls(np.pad(part.heights_um, 3), part)[3:-3, 3:-3])
+
+
+def near_unresolved_walls(part: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
+    """Return True within ``wall_px`` pixels of a wall that is no steep flank of a surface, shape (rows, cols).
+
+    Examples
+    --------
+    >>> x = np.arange(40)
+    >>> wave = HeightMap(3 + np.cos(2 * np.pi * x / 7) * np.ones((19, 1)), 0.4, 0.4)
+    >>> int(near_walls(wave)[9, 6:-6].sum()), int(near_unresolved_walls(wave)[9, 6:-6].sum())
+    (28, 0)
+    """
+    heights = np.pad(part.heights_um, 3)
+    told = [ndimage.correlate1d(heights, NEIGHBOURS, axis=axis) for axis in (0, 1)]
+    off = np.max(np.abs(heights - told), axis=0)
+    least = RESOLVED * max(JUMP_UM, JUMP_SLOPE * min(part.dx_um, part.dy_um))
+    return _within(wall_px, (_walls(heights, part) & (off > least))[3:-3, 3:-3])
 
 
 def near_walls_of_both(part: HeightMap, recording: HeightMap, wall_px: int = WALL_PX) -> np.ndarray:
