@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from dlwpredict.alignment.pose import Pose
 from dlwpredict.alignment.resample import prepared, resample
@@ -13,6 +14,7 @@ from dlwpredict.noise.likelihood import model_at
 from dlwpredict.noise.lines import Lines, _gain
 from dlwpredict.noise.unevenness import Ground, Uneven, Unevenness, grown
 from dlwpredict.noise.whitening import Neighbourhood, Whitener
+from dlwpredict.numerics.interpolation import read_means
 
 MODEL = Noise(white_um=0.005, correlated_um=0.02, length_um=1.5, dx_um=0.4, dy_um=0.5)
 
@@ -62,12 +64,25 @@ def test_draws_have_the_models_covariance():
 
 
 def test_a_grain_smears_the_white_part_and_leaves_its_size():
-    grainy = Noise(0.3, 0.5, 1.2, 0.4, 0.7, grain_um=0.3)
+    grainy = Noise(0.3, 0.5, 1.2, 0.4, 0.7, np.inf, grain_um=0.3)
     assert grainy.at(np.array(0.0)) == pytest.approx(grainy.sigma_um**2)
-    correlated = 0.25 * matern(np.array(0.4), 1.2)
+    correlated = 0.25 * matern(np.array(0.4), 1.2, np.inf)
     shared = (1 - PURE) * 0.09 * np.exp(-((0.4 / 0.3) ** 2) / 2)
     assert grainy.at(np.array(0.4)) == pytest.approx(correlated + shared)
     assert grainy.covariance((9, 8))[0, 1] == pytest.approx(correlated + shared)
+
+
+@pytest.mark.parametrize("smoothness", [0.5, 1.5])
+def test_a_grain_rounds_what_is_rough_as_a_smear_does(smoothness):
+    """By the convolution of the correlation with a Gaussian of the grain, in the plane, on a fine grid."""
+    x = np.arange(-300, 301) * 0.02
+    rough = matern(np.hypot(x, x[:, None]), 0.8, smoothness)
+    weights = np.exp(-((np.arange(-75, 76) * 0.02 / 0.25) ** 2) / 2)
+    smeared = ndimage.correlate1d(ndimage.correlate1d(rough, weights / weights.sum(), 0), weights / weights.sum(), 1)
+    found = Noise(0.0, 1.0, 0.8, 0.4, 0.4, smoothness, grain_um=0.25).at(np.abs(x[300:]))
+    shown = smeared[300, 300:400] / smeared[300, 300]
+    np.testing.assert_allclose(found[:100], shown, atol=0.045)
+    assert np.abs(matern(x[300:400], 0.8, smoothness) - shown).max() > {0.5: 0.2, 1.5: 0.08}[smoothness]
 
 
 @pytest.mark.parametrize("smoothness", SMOOTHNESSES)
@@ -294,6 +309,29 @@ def test_white_noise_that_was_read_between_its_pixels_is_known_by_its_grain():
     assert found.grain_um == pytest.approx(0.2)
     assert found.smoothness == np.inf
     assert found.length_um == pytest.approx(3.0, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("coarse", "smoothness"), [(1.25, 0.5), (1.54, 0.5), (1.54, 1.5)])
+def test_what_was_read_between_an_instruments_pixels_keeps_its_noise_far_away(coarse, smoothness):
+    """Means over a µm, of which structure is told: their variance, of the map's over the model's.
+
+    Where it is not said that the map was read, neighbours look smooth, the length comes out at a third of what it is,
+    and such means have five times the variance that noise is thought to have.
+    """
+    pitch, rng = 0.26, np.random.default_rng(0)
+    raw = Noise(0.0045, 0.0134, 0.8, coarse * pitch, coarse * pitch, smoothness).simulate((190, 190), rng)
+    i, j = np.mgrid[-80:80, -80:80] / coarse
+    turned = np.stack([0.94 * i - 0.34 * j, 0.34 * i + 0.94 * j]) + 95
+    values = read_means(raw, turned, (1 / coarse, 1 / coarse))
+    far = ndimage.gaussian_filter(values, 4).var()
+    ratios = []
+    for read_px in (coarse, 0.0):
+        found = estimate(values, np.ones(values.shape, bool), (pitch, pitch), np.ones((1, 160, 160)), read_px=read_px)
+        draws = found.model.even.simulate_many(values.shape, rng, 10)
+        ratios.append(far / np.mean([ndimage.gaussian_filter(one, 4).var() for one in draws]))
+    assert 1 / 1.4 < ratios[0] < 1.4
+    assert ratios[1] > 1.4 * ratios[0]
 
 
 def test_whitening_is_undone(holes):

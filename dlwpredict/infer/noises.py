@@ -60,7 +60,8 @@ def noises(
         pitch = recording.target.dx_um, recording.target.dy_um
         slope = slopes[k] if slopes else 0.0
         ground = Ground(slope, recording.scanned_axes, recording.lean)
-        jobs.append((residual, used, pitch, design, ground, source, seed + k))
+        read_px = (recording.measured.instrument.pitch_um or 0.0) / float(np.sqrt(np.prod(pitch)))
+        jobs.append((residual, used, pitch, design, ground, source, seed + k, read_px))
     return workers.each(_noise, jobs)
 
 
@@ -105,9 +106,10 @@ def _noise(
     ground: Ground,
     source: str,
     seed: int,
+    read_px: float,
 ) -> NoiseEstimate:
     forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, ground=ground, source=source, seed=seed)
+    return estimate(residual_um, used, pitch_um, forms, ground=ground, source=source, seed=seed, read_px=read_px)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

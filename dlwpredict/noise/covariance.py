@@ -3,7 +3,9 @@
 Covariance over distance d: σ_n²·[d = 0] + σ_c²·M_ν(d/ℓ), a nugget and a Matérn covariance of smoothness ν: 1/2, 3/2,
 5/2, or infinite (a Gaussian), whichever the map prefers. With ν fixed at 3/2, noise that an instrument has smoothed
 would be taken for noise of three times its length. A recording that was read between its pixels has no white noise any
-more: neighbours share some of theirs. Its nugget is a Gaussian of a fraction of a pixel, the grain.
+more: neighbours share some of theirs. Its nugget is a Gaussian of a fraction of a pixel, the grain, and what is rough
+in its correlated part is smeared as much: M_ν(√(d² + c²)/ℓ), c = √(π/2) grains, over its value at 0 (positive definite
+as M_ν is: a shift of d² keeps complete monotony; Schoenberg, Ann. Math. 39, 811, 1938).
 """
 
 from __future__ import annotations
@@ -17,6 +19,10 @@ SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
 
 PURE = 0.1
 """Share of a smeared nugget's variance that stays white, so that whitening stays well-conditioned."""
+
+ROUNDED = float(np.sqrt(np.pi / 2))
+"""Grains by which a correlation is rounded at distance 0: the mean distance of a Gaussian of that standard deviation in
+the plane, and so what exp(−d/ℓ) is lowered by when it is smeared."""
 
 FLOOR = 0.03
 """Least white share of the standard deviation: no map is smoother, and whitening stays well-conditioned."""
@@ -81,7 +87,9 @@ class Noise:
         """
         same = distance_um == 0
         grain = PURE * same + (1 - PURE) * matern(distance_um, self.grain_um, np.inf) if self.grain_um else same
-        return self.correlated_um**2 * matern(distance_um, self.length_um, self.smoothness) + self.white_um**2 * grain
+        apart = matern(np.hypot(distance_um, ROUNDED * self.grain_um), self.length_um, self.smoothness)
+        none = matern(np.array(ROUNDED * self.grain_um), self.length_um, self.smoothness)
+        return self.correlated_um**2 * apart / none + self.white_um**2 * grain
 
     def covariance(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return the covariance with pixel (0, 0) on a periodic grid, µm², shape ``shape``."""

@@ -38,6 +38,10 @@ OUTLYING = 4.0
 
 LOUD_PX = 3
 
+READ, AVERAGED = 0.6, 0.5
+"""Grain of a map that was read between the pixels of an instrument, in those; and how wide they are, in pixels of the
+map, where each is a mean over enough of them to have noise of its own."""
+
 SPIKY = 0.005
 """Share of points lost beyond which kind and grain are chosen anew: chance takes a third of that, spikes made them."""
 
@@ -86,6 +90,7 @@ def estimate(
     ground: Ground = FLAT,
     source: str = "residual",
     seed: int = 0,
+    read_px: float = 0.0,
 ) -> NoiseEstimate:
     """Estimate the noise of a map.
 
@@ -107,23 +112,30 @@ def estimate(
     source : str
     seed : int
         Of the choice of points, and of the drawn noise.
+    read_px : float
+        Pitch of an instrument's pixels between which the map was read, in its own pixels; 0: they are the instrument's.
+        What neighbours nearer than that share is the reading's, and tells nothing of the noise farther away.
     """
     draw = np.random.default_rng(seed)
     every = Neighbourhood.of(used, *pitch_um, near_px=NEAR_PX, far_px=FAR_PX)
+    apart = every
+    if read_px > AVERAGED:
+        wide = max(read_px, 1.0)
+        kinds, apart = (kinds[0], (READ * wide,)), Neighbourhood.of(used, *pitch_um, NEAR_PX, FAR_PX, int(wide) + 1)
     y, design = values_um[used], smooth[:, used].T
     ways = [(axis, order) for axis in ground.axes for order in (OFFSET, TILT)]
     members = {(axis, order): on_lines(used, axis, order, ground.lean) for axis, order in ways}
     even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used], lean=ground.lean)
     some = _some(every.own, SEARCHED_POINTS, draw)
     start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
-    seen, model, place = _searched(even, every, some, start, *kinds)
+    seen, model, place = _searched(even, every, apart[some], start, *kinds)
     even, quiet = seen.even, _quiet(every.own, seen.near @ seen.left, used)
     if len(quiet) < len(y):
-        likelihood = Likelihood.of(even, every[_some(quiet, SEARCHED_POINTS, draw)], model)
+        likelihood = Likelihood.of(even, apart[_some(quiet, SEARCHED_POINTS, draw)], model)
         same = (model.smoothness,), (model.grain_um / model.pitch_um,)
         again = kinds if len(y) - len(quiet) > SPIKY * len(y) else same
         model, place = most_likely(likelihood, model, *again)
-    likelihood = Likelihood.of(even, every[_some(quiet, MOST_POINTS, draw)], model)
+    likelihood = Likelihood.of(even, apart[_some(quiet, MOST_POINTS, draw)], model)
     places, centre = repeated(likelihood, used, even, model, place[:2], draw)
     place = places[0] - np.clip(places[1:].mean(axis=0) - centre, -1, 1)
     model = _floored(model_at(model, place))
@@ -136,13 +148,12 @@ def estimate(
 def _searched(
     even: Evened,
     every: Neighbourhood,
-    some: np.ndarray,
+    chosen: Neighbourhood,
     like: Noise,
     kinds: Sequence[float],
     grains_px: Sequence[float],
 ) -> tuple[Seen, Noise, np.ndarray]:
     """Return values made even and whitened, the most likely model of some of their points, and its place."""
-    chosen = every[some]
     model, place = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
     seen = even.seen(every.whitener(model))
     while (evened := _more_even(seen)) is not seen.even:

@@ -60,7 +60,13 @@ class Neighbourhood:
 
     @classmethod
     def of(
-        cls, used: np.ndarray, dx_um: float, dy_um: float, near_px: int = NEAR_PX, far_px: tuple[int, ...] = FAR_PX
+        cls,
+        used: np.ndarray,
+        dx_um: float,
+        dy_um: float,
+        near_px: int = NEAR_PX,
+        far_px: tuple[int, ...] = FAR_PX,
+        stride: int = 1,
     ) -> Neighbourhood:
         """Look for the neighbours of all measured points.
 
@@ -72,9 +78,11 @@ class Neighbourhood:
             Pitch.
         near_px : int
         far_px : tuple of int
-            Extent of the neighbourhood.
+            Extent of the neighbourhood, in strides.
+        stride : int
+            Pixels from a point to the next that counts.
         """
-        offsets = _offsets(near_px, far_px)
+        offsets = stride * _offsets(near_px, far_px)
         reach = int(np.abs(offsets).max())
         number: np.ndarray = np.full(np.add(used.shape, 2 * reach), -1, dtype=np.int32)
         inner = number[reach:-reach, reach:-reach]
