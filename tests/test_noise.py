@@ -327,7 +327,8 @@ def test_what_was_read_between_an_instruments_pixels_keeps_its_noise_far_away(co
     far = ndimage.gaussian_filter(values, 4).var()
     ratios = []
     for read_px in (coarse, 0.0):
-        found = estimate(values, np.ones(values.shape, bool), (pitch, pitch), np.ones((1, 160, 160)), read_px=read_px)
+        ground, level = Ground(read_px=read_px), np.ones((1, 160, 160))
+        found = estimate(values, np.ones(values.shape, bool), (pitch, pitch), level, ground=ground)
         draws = found.model.even.simulate_many(values.shape, rng, 10)
         ratios.append(far / np.mean([ndimage.gaussian_filter(one, 4).var() for one in draws]))
     assert 1 / 1.4 < ratios[0] < 1.4

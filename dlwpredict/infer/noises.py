@@ -59,9 +59,9 @@ def noises(
             residual, design = np.where(used, difference, 0.0), between_repeats(surface, recording.target)
         pitch = recording.target.dx_um, recording.target.dy_um
         slope = slopes[k] if slopes else 0.0
-        ground = Ground(slope, recording.scanned_axes, recording.lean)
         read_px = (recording.measured.instrument.pitch_um or 0.0) / float(np.sqrt(np.prod(pitch)))
-        jobs.append((residual, used, pitch, design, ground, source, seed + k, read_px))
+        ground = Ground(slope, recording.scanned_axes, recording.lean, read_px)
+        jobs.append((residual, used, pitch, design, ground, source, seed + k))
     return workers.each(_noise, jobs)
 
 
@@ -106,10 +106,9 @@ def _noise(
     ground: Ground,
     source: str,
     seed: int,
-    read_px: float,
 ) -> NoiseEstimate:
     forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, ground=ground, source=source, seed=seed, read_px=read_px)
+    return estimate(residual_um, used, pitch_um, forms, ground=ground, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlwpredict.numerics.smoothing import FAINT, ndtri
+from dlwpredict.numerics.smoothing import FAINT, ndtri_of_odds
 
 PARTS = 4
 """Parts of a level in which the distance from the edge is linear."""
@@ -105,7 +105,7 @@ class Edges:
         """
         planes = (np.stack([taken(plane, self.pixels) for plane in levels]) for levels in (exposures, thresholds))
         shares = [np.minimum(np.maximum(plane / self.dose, _LEAST), 1 - _LEAST) for plane in planes]
-        exposure, threshold = (ndtri(share / (1 - share)) for share in shares)
+        exposure, threshold = (ndtri_of_odds(share / (1 - share)) for share in shares)
         here, *around = np.moveaxis((exposure - threshold)[:, self.neighbours], 1, 0)
         down, up, east, west = (np.abs(other - here) for other in around)
         inside = exposed.reshape(len(exposed), -1)[:, self.places]

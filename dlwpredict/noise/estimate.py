@@ -90,7 +90,6 @@ def estimate(
     ground: Ground = FLAT,
     source: str = "residual",
     seed: int = 0,
-    read_px: float = 0.0,
 ) -> NoiseEstimate:
     """Estimate the noise of a map.
 
@@ -112,15 +111,12 @@ def estimate(
     source : str
     seed : int
         Of the choice of points, and of the drawn noise.
-    read_px : float
-        Pitch of an instrument's pixels between which the map was read, in its own pixels; 0: they are the instrument's.
-        What neighbours nearer than that share is the reading's, and tells nothing of the noise farther away.
     """
     draw = np.random.default_rng(seed)
     every = Neighbourhood.of(used, *pitch_um, near_px=NEAR_PX, far_px=FAR_PX)
     apart = every
-    if read_px > AVERAGED:
-        wide = max(read_px, 1.0)
+    if ground.read_px > AVERAGED:
+        wide = max(ground.read_px, 1.0)
         kinds, apart = (kinds[0], (READ * wide,)), Neighbourhood.of(used, *pitch_um, NEAR_PX, FAR_PX, int(wide) + 1)
     y, design = values_um[used], smooth[:, used].T
     ways = [(axis, order) for axis in ground.axes for order in (OFFSET, TILT)]

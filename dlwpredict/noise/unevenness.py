@@ -40,11 +40,15 @@ class Ground:
         Whether lines of the scan may be rows (0), or columns (1).
     lean : float
         Lines that a row, or a column, crosses per pixel, where it is known how the scan is turned against the map.
+    read_px : float
+        Pitch of an instrument's pixels between which the map was read, in its own pixels; 0: they are the instrument's.
+        What neighbours nearer than that share is the reading's, and tells nothing of the noise farther away.
     """
 
     slope: np.ndarray | float = 0.0
     axes: tuple[int, ...] = (0, 1)
     lean: float = 0.0
+    read_px: float = 0.0
 
 
 @dataclass(frozen=True)
