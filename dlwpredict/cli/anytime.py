@@ -57,10 +57,14 @@ class Ending:
         "" while nothing has.
     closed : bool
         Nothing can any more: what is left to do is quick, and should be done.
+    waits : bool
+        The end of a time is noted, and raised by the next `stop` only: what is done first is quick, and no answer
+        stands before it.
     """
 
     cause: str = ""
     closed: bool = False
+    waits: bool = False
 
     def stop(self) -> None:
         """Raise again what a callback of some library may have swallowed."""
@@ -68,9 +72,10 @@ class Ending:
             raise KeyboardInterrupt
 
     def _strike(self, number: int, frame: object) -> None:
-        if not (self.cause or self.closed):
+        if not self.closed and (self.waits or not self.cause):
             self.cause = _CAUSES.get(number, LIMIT)
-            raise KeyboardInterrupt
+            if not (self.waits and self.cause == LIMIT):
+                raise KeyboardInterrupt
 
 
 @contextmanager
@@ -112,7 +117,8 @@ def _alarm(limit_s: float | None, end: Ending) -> Iterator[None]:
 
         def strike() -> None:
             end.cause = end.cause or LIMIT
-            _thread.interrupt_main()
+            if not end.waits:
+                _thread.interrupt_main()
 
         timer = threading.Timer(limit_s, strike)
         timer.daemon = True

@@ -65,6 +65,7 @@ def run(
         require_enough(len(pair) // 2)
     outputs, session = Outputs(output, params_out, maps, report, plot), None
     with ending(time_limit) as end:
+        end.waits = True
         try:
             replaced = overwrite or (resume and is_unfinished(output))
             options.check_outputs(output, params_out, report, plot, overwrite=replaced)
@@ -80,7 +81,8 @@ def run(
             )
             session = Session.of(inputs, outputs, seed=seed)
             session.begin(jobs or cores_for_workers(), resume=resume)
-            session.work.stop = end.stop
+            end.waits, session.work.stop = False, end.stop
+            end.stop()
             session.search(advice=advice, reproducible=reproducible)
         except KeyboardInterrupt:
             end_workers()
