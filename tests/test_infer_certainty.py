@@ -212,10 +212,8 @@ class TestNoises:
     @pytest.mark.parametrize(("pitch_um", "grain_um"), [(0.75, 0.45), (0.3, 0.3), (0.2, 0.0)])
     def test_a_map_that_was_read_off_has_the_grain_of_the_instrument(self, pitch_um, grain_um):
         """Of pixels of 0.5 µm: 0.6 of the wider pitch; but a mean over more than four of the instrument's has none."""
-        target, left = (
-            HeightMap(np.full((SIDE, SIDE), 2.0), 0.5, 0.5),
-            WHITE.simulate((SIDE, SIDE), np.random.default_rng(1)),
-        )
+        target = HeightMap(np.full((SIDE, SIDE), 2.0), 0.5, 0.5)
+        left = WHITE.simulate(target.shape, np.random.default_rng(1))
         read = HeightMap(2 + left, 0.5, 0.5, instrument=Instrument("confocal", None, pitch_um))
         (found,) = noises([prepare(target, read, wall_px=0)], [left], [plane(target)])
         assert found.model.even.grain_um == pytest.approx(grain_um)

@@ -85,6 +85,13 @@ def test_a_grain_rounds_what_is_rough_as_a_smear_does(smoothness):
     assert np.abs(matern(x[300:400], 0.8, smoothness) - shown).max() > {0.5: 0.2, 1.5: 0.08}[smoothness]
 
 
+def test_a_grain_far_wider_than_the_length_is_a_covariance_all_the_same():
+    for smoothness in SMOOTHNESSES:
+        found = Noise(0.3, 0.5, 0.01, 0.4, 0.4, smoothness, grain_um=1.0).at(np.array([0.0, 0.4]))
+        assert found[0] == pytest.approx(0.34)
+        assert 0 < found[1] < 0.34
+
+
 @pytest.mark.parametrize("smoothness", SMOOTHNESSES)
 def test_distances_are_um_along_rows_and_columns(smoothness):
     covariance = Noise(0.3, 0.5, 1.2, 0.4, 0.7, smoothness).covariance((9, 8))

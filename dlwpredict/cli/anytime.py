@@ -72,10 +72,12 @@ class Ending:
             raise KeyboardInterrupt
 
     def _strike(self, number: int, frame: object) -> None:
-        if not self.closed and (self.waits or not self.cause):
-            self.cause = _CAUSES.get(number, LIMIT)
-            if not (self.waits and self.cause == LIMIT):
-                raise KeyboardInterrupt
+        noted = self.waits and self.cause == LIMIT
+        if self.closed or (self.cause and not noted):
+            return
+        self.cause = _CAUSES.get(number, LIMIT)
+        if not (self.waits and self.cause == LIMIT):
+            raise KeyboardInterrupt
 
 
 @contextmanager

@@ -16,8 +16,8 @@ JUMP_UM, JUMP_SLOPE = 0.2, 1.0
 """A wall is a jump between neighbours that exceeds what the slope around explains by this much, and by this slope."""
 
 RESOLVED, NEIGHBOURS = 0.25, np.array([1, -6, 15, 0, 15, -6, 1]) / 20
-"""A wall is none that pixels resolve where a height differs from what its six neighbours along a line tell (a quintic)
-by more than this share of a wall's least jump. A step of twice that is one; a wave of seven pixels is none."""
+"""Pixels do not resolve a wall where a height is off what its six neighbours along a line tell (a quintic) by more
+than this share of a wall's least jump: a step of twice that. They resolve a wave of seven pixels."""
 
 SMEARED_PX = 2
 """An instrument's blur smears a wall over so many pixels to either side; its place is where the jump is largest."""

@@ -87,8 +87,9 @@ class Noise:
         """
         same = distance_um == 0
         grain = PURE * same + (1 - PURE) * matern(distance_um, self.grain_um, np.inf) if self.grain_um else same
-        apart = matern(np.hypot(distance_um, ROUNDED * self.grain_um), self.length_um, self.smoothness)
-        none = matern(np.array(ROUNDED * self.grain_um), self.length_um, self.smoothness)
+        round_um = ROUNDED * self.grain_um if np.isfinite(self.smoothness) else 0.0  # a Gaussian stays
+        apart = matern(np.hypot(distance_um, round_um), self.length_um, self.smoothness)
+        none = matern(np.array(round_um), self.length_um, self.smoothness)
         return self.correlated_um**2 * apart / none + self.white_um**2 * grain
 
     def covariance(self, shape: tuple[int, ...]) -> np.ndarray:

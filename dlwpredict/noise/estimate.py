@@ -39,8 +39,9 @@ OUTLYING = 4.0
 LOUD_PX = 3
 
 READ, AVERAGED = 0.6, 0.5
-"""Grain of a map that was read between the pixels of an instrument, in those; and how wide they are, in pixels of the
-map, where each is a mean over enough of them to have noise of its own."""
+"""Grain of a map that was read between the pixels of an instrument, in those: what neighbours share of white noise
+(`kinds.GRAINS_PX`) makes it 0.57 to 0.69. And how wide they are, in pixels of the map, where each is a mean over enough
+of them to have noise of its own."""
 
 SPIKY = 0.005
 """Share of points lost beyond which kind and grain are chosen anew: chance takes a third of that, spikes made them."""
