@@ -33,7 +33,7 @@ ONE = np.ones((1, SIDE, SIDE))
 
 def known(noise: Noise) -> NoiseEstimate:
     """Return a noise model that is no estimate."""
-    return NoiseEstimate(Uneven(noise), np.zeros(3), np.zeros((3, 3)), "repeats", Unevenness(0.0, 0.0))
+    return NoiseEstimate(Uneven(noise), np.zeros(3), np.zeros((3, 3)), "repeats", Unevenness(0.0, 0.0), {})
 
 
 class Exact(NoiseEstimate):
@@ -217,6 +217,20 @@ class TestNoises:
         read = HeightMap(2 + left, 0.5, 0.5, instrument=Instrument("confocal", None, pitch_um))
         (found,) = noises([prepare(target, read, wall_px=0)], [left], [plane(target)])
         assert found.model.even.grain_um == pytest.approx(grain_um)
+
+    def test_recordings_of_one_instrument_share_the_kind_of_correlation(self):
+        """A map of 24 x 24 points takes Matérn's noise for Gaussian, a larger one does not; not so beside an AFM's."""
+        kind = Noise(0.002, 0.02, 1.0, 0.5, 0.5, 1.5)
+        draws = [kind.simulate((side, side), np.random.default_rng(7)) for side in (90, 24)]
+
+        def smoothnesses(*instruments: Instrument) -> list[float]:
+            maps = [HeightMap(2 + left, 0.5, 0.5, instrument=k) for left, k in zip(draws, instruments, strict=True)]
+            recordings = [prepare(one.with_heights(np.full(one.shape, 2.0)), one, wall_px=0) for one in maps]
+            found = noises(recordings, draws, [plane(one) for one in maps])
+            return [noise.model.even.smoothness for noise in found]
+
+        assert smoothnesses(Instrument("confocal"), Instrument("afm")) == [1.5, np.inf]
+        assert smoothnesses(Instrument("confocal"), Instrument("confocal")) == [1.5, 1.5]
 
     @pytest.mark.parametrize("scar_um", [0.0, 0.3])
     def test_what_repeats_differ_by_where_they_were_laid_is_no_noise(self, scar_um):

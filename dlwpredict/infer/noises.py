@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dlwpredict.effects.plane import nearest
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.recording import Recording, without_outliers
 from dlwpredict.infer.whitened import gradient
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate, estimate
+from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES
 from dlwpredict.noise.unevenness import Ground, Uneven
 from dlwpredict.numerics.parallel import ALONE, Workers
 
@@ -30,7 +32,9 @@ def noises(
     seed: int = 0,
     workers: Workers = ALONE,
 ) -> list[NoiseEstimate]:
-    """Estimate them.
+    """Estimate them: each for itself, but that recordings of one instrument share the kind of correlation.
+
+    On a small map two kinds may be as likely, and what they say of means over wide spots differs by half.
 
     Parameters
     ----------
@@ -62,7 +66,21 @@ def noises(
         read_px = (recording.measured.instrument.pitch_um or 0.0) / float(np.sqrt(np.prod(pitch)))
         ground = Ground(slope, recording.scanned_axes, recording.lean, read_px)
         jobs.append((residual, used, pitch, design, ground, source, seed + k))
-    return workers.each(_noise, jobs)
+    estimates = workers.each(_noise, [(*job, SMOOTHNESSES) for job in jobs])
+    shared = _shared_kinds([recording.measured.instrument for recording in recordings], estimates)
+    anew = [k for k, kind in enumerate(shared) if kind != estimates[k].model.even.smoothness]
+    for k, noise in zip(anew, workers.each(_noise, [(*jobs[k], (shared[k],)) for k in anew]), strict=True):
+        estimates[k] = noise
+    return estimates
+
+
+def _shared_kinds(instruments: Sequence[Instrument], estimates: Sequence[NoiseEstimate]) -> list[float]:
+    """Return the kind that all recordings of an instrument together make most likely, of each recording."""
+    by_instrument: dict[tuple[str, float | None], Counter[float]] = defaultdict(Counter)
+    for instrument, noise in zip(instruments, estimates, strict=True):
+        by_instrument[instrument.kind, instrument.pitch_um].update(noise.kinds)
+    likeliest = {key: min(deviances, key=deviances.__getitem__) for key, deviances in by_instrument.items()}
+    return [likeliest[instrument.kind, instrument.pitch_um] for instrument in instruments]
 
 
 def plane(grid: HeightMap) -> np.ndarray:
@@ -106,9 +124,10 @@ def _noise(
     ground: Ground,
     source: str,
     seed: int,
+    smoothnesses: Sequence[float],
 ) -> NoiseEstimate:
-    forms = compressed(design, used)
-    return estimate(residual_um, used, pitch_um, forms, ground=ground, source=source, seed=seed)
+    forms, kinds = compressed(design, used), (smoothnesses, GRAINS_PX)
+    return estimate(residual_um, used, pitch_um, forms, kinds, ground=ground, source=source, seed=seed)
 
 
 def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -67,6 +67,8 @@ class NoiseEstimate:
         What it was estimated from: "repeats" or "residual".
     columns : Unevenness
         How sure offsets of whole columns are, of a scan that is not known to run along them.
+    kinds : dict
+        −2 ln L by the smoothness of the correlation, of those that were tried.
     """
 
     model: Uneven
@@ -74,6 +76,7 @@ class NoiseEstimate:
     covariance: np.ndarray
     source: str
     columns: Unevenness
+    kinds: dict[float, float]
 
     def draw(self, rng: np.random.Generator) -> Uneven:
         """Return a noise model that the data would allow as well."""
@@ -125,13 +128,14 @@ def estimate(
     even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used], lean=ground.lean)
     some = _some(every.own, SEARCHED_POINTS, draw)
     start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
-    seen, model, place = _searched(even, every, apart[some], start, *kinds)
+    seen, model, place, by_kind = _searched(even, every, apart[some], start, *kinds)
     even, quiet = seen.even, _quiet(every.own, seen.near @ seen.left, used)
     if len(quiet) < len(y):
         likelihood = Likelihood.of(even, apart[_some(quiet, SEARCHED_POINTS, draw)], model)
         same = (model.smoothness,), (model.grain_um / model.pitch_um,)
         again = kinds if len(y) - len(quiet) > SPIKY * len(y) else same
-        model, place = most_likely(likelihood, model, *again)
+        model, place, anew = most_likely(likelihood, model, *again)
+        by_kind = by_kind if again is same else anew
     likelihood = Likelihood.of(even, apart[_some(quiet, MOST_POINTS, draw)], model)
     places, centre = repeated(likelihood, used, even, model, place[:2], draw)
     place = places[0] - np.clip(places[1:].mean(axis=0) - centre, -1, 1)
@@ -139,7 +143,8 @@ def estimate(
     near, none = every.whitener(model), (Lines(), Unevenness(0.0, 0.0))
     (rows, _), (columns, surely) = (even.line_noise(near, axis) if axis in ground.axes else none for axis in (0, 1))
     uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows, columns)
-    return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely if 0 in ground.axes else none[1])
+    surely = surely if 0 in ground.axes else none[1]
+    return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely, by_kind)
 
 
 def _searched(
@@ -149,14 +154,14 @@ def _searched(
     like: Noise,
     kinds: Sequence[float],
     grains_px: Sequence[float],
-) -> tuple[Seen, Noise, np.ndarray]:
-    """Return values made even and whitened, the most likely model of some of their points, and its place."""
-    model, place = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
+) -> tuple[Seen, Noise, np.ndarray, dict[float, float]]:
+    """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds."""
+    model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
     seen = even.seen(every.whitener(model))
     while (evened := _more_even(seen)) is not seen.even:
-        model, place = most_likely(Likelihood.of(evened, chosen, model), model, kinds, grains_px)
+        model, place, by_kind = most_likely(Likelihood.of(evened, chosen, model), model, kinds, grains_px)
         seen = evened.seen(every.whitener(model))
-    return seen, model, place
+    return seen, model, place, by_kind
 
 
 def _more_even(seen: Seen) -> Evened:

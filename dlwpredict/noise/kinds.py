@@ -42,8 +42,8 @@ PARABOLA = np.linalg.pinv(
 
 def most_likely(
     likelihood: Likelihood, like: Noise, kinds: Sequence[float], grains_px: Sequence[float]
-) -> tuple[Noise, np.ndarray]:
-    """Return the most likely model, over the kinds of correlation and the grains, and its place.
+) -> tuple[Noise, np.ndarray, dict[float, float]]:
+    """Return the most likely model, over the kinds of correlation and the grains, its place, and −2 ln L by kind.
 
     From grain to grain, every kind goes on from where it was, until `WITHOUT_GAIN` have been no likelier.
     """
@@ -52,23 +52,25 @@ def most_likely(
     grid = np.array([(share, length) for share in SHARES for length in lengths])
     rough, _ = likelihood.profiled([(template, place) for template in templates for place in grid])
     ends = _polished(likelihood, templates, grid[rough[:, 0].reshape(len(kinds), -1).argmin(axis=1)], STEPS)
-    tried = [_lowest(ends, templates)]
+    tried = [ends]
     for grain in grains_px[1:]:
         templates = [replace(template, grain_um=grain * like.pitch_um) for template in templates]
         ends = _polished(likelihood, templates, [end[:2] for _, end in ends], STEPS[1:])
-        tried.append(_lowest(ends, templates))
-        if int(np.argmin([deviance for deviance, _, _ in tried])) < len(tried) - WITHOUT_GAIN:
+        tried.append(ends)
+        if int(np.argmin(_deviances(tried).min(axis=1))) < len(tried) - WITHOUT_GAIN:
             break
-    leads = [CHANCE * likelihood.share if model.grain_um else 0.0 for _, _, model in tried]
-    number = int(np.argmin([deviance + lead for (deviance, _, _), lead in zip(tried, leads, strict=True)]))
-    _, place, model = tried[number]
-    return model_at(model, place), place
+    leads = [CHANCE * likelihood.share if grain else 0.0 for grain in grains_px[: len(tried)]]
+    deviances = _deviances(tried)
+    grain = int(np.argmin(deviances.min(axis=1) + leads))
+    kind = int(np.argmin(deviances[grain]))
+    model = replace(templates[kind], grain_um=grains_px[grain] * like.pitch_um)
+    _, place = tried[grain][kind]
+    return model_at(model, place), place, dict(zip(kinds, deviances[grain].tolist(), strict=True))
 
 
-def _lowest(ends: Sequence[tuple[float, np.ndarray]], templates: Sequence[Noise]) -> tuple[float, np.ndarray, Noise]:
-    """Return −2 ln L, place and template of the most likely of models."""
-    number = int(np.argmin([deviance for deviance, _ in ends]))
-    return *ends[number], templates[number]
+def _deviances(tried: Sequence[Sequence[tuple[float, np.ndarray]]]) -> np.ndarray:
+    """Return −2 ln L of every grain and kind, shape (grains, kinds)."""
+    return np.array([[deviance for deviance, _ in ends] for ends in tried])
 
 
 def _polished(
