@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.provenance import sha256
@@ -24,8 +25,6 @@ from tests.press import (
     read_map,
     write_map,
 )
-from tests.press.grid import plane_grid
-from tests.press.sampling import Surface
 from tests.prove import structures
 from tests.prove.hidden import FORM, Hidden, of_press
 from tests.prove.linear import LIMIT_Z, Sight, coarser
@@ -159,18 +158,20 @@ def shown(drawn: Draw, parts: Sequence[HeightMap], effects: Sequence[dict]) -> l
 
 
 def _turned(part: HeightMap, press: Press, artefacts: Sequence[dict], turn_deg: float) -> np.ndarray:
-    """Record a part that lies turned, on its own pitch, and read the recording at the target's points."""
+    """Record a part that lies turned, on its own pitch, and read the recording at the target's points.
+
+    Linearly: no wall reaches farther than a pixel, as none does where the program lays a recording on its target.
+    """
     turn, side = np.radians(turn_deg), 1.02 * float(np.hypot(*part.size_um))
     pose = {"rotation_deg": turn_deg}
     scope = microscope_from({
         "pitch_um": [part.dx_um, part.dy_um], "field_um": [side, side], "pose": pose, "effects": list(artefacts)
     })  # fmt: skip
     found = recorded(part, press, scope, finer=finer(part.dx_um))
-    grid = plane_grid(found.heights.shape, found.dx_um, found.dy_um)
     x, y = np.meshgrid(part.x_um, part.y_um)
-    return Surface(found.heights[::-1], grid).at(
-        x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)
-    )
+    columns = (x * np.cos(turn) - y * np.sin(turn)) / found.dx_um + (found.heights.shape[1] - 1) / 2
+    rows = (found.heights.shape[0] - 1) / 2 - (x * np.sin(turn) + y * np.cos(turn)) / found.dy_um
+    return map_coordinates(found.heights, [rows, columns], order=1, mode="nearest")
 
 
 def recorded(part: HeightMap, press: Press, scope: Microscope, *, seed: int = 0, finer: int = FINER) -> Recording:
