@@ -11,6 +11,7 @@ import yaml
 from dlwpredict.alignment import align
 from dlwpredict.effects import library
 from dlwpredict.files import read_height_map
+from dlwpredict.infer.recording import prepare
 from tests.bench.cases import NEVER, in_terms_of
 from tests.press import read_map
 from tests.prove import __main__ as prove
@@ -538,6 +539,32 @@ def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp
     assert len(asked) == 2 and again == json.loads(json.dumps(results))
     page.publish(tmp_path / "report", results, sealed, command="make prove", every=9)
     assert "2 of 2 = 100.0%" in (tmp_path / "report" / "README.md").read_text()
+
+
+def test_the_page_tells_what_was_opened_before_the_rest_was_asked(tmp_path):
+    place = Folder(tmp_path)
+    for path in (place.answer("a"), place.answer("b"), place.result("a")):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps({"code": "code"}))
+    assert prove.opened_before(tmp_path, ["a", "b"], "code") == 0  # all were asked
+    assert prove.opened_before(tmp_path, ["a", "b", "c"], "other") == 0  # of another state of the program
+    assert prove.opened_before(tmp_path, ["a", "b", "c"], "code") == 1
+    place.answer("c").write_text(json.dumps({"code": "code"}))
+    assert prove.opened_before(tmp_path, ["a", "b", "c"], "code") == 1  # and stays so
+
+
+@pytest.mark.slow
+def test_on_a_part_that_lies_turned_a_wall_reaches_no_point_that_counts():
+    """What a microscope makes of walls 6 µm high is there beside them, and 0 elsewhere: no reading rings."""
+    posts = structures.drawn("posts", np.random.default_rng(2))
+    part = structures.made(posts, structures.COARSE_UM)
+    hidden, entry = named("batwings", np.random.default_rng(0)), {"name": "batwings", "gain": 0.8, "fwhm_um": 0.9}
+    drawn = Draw("single", 0, draw(SEED, "null", 0).process, 0.0, {}, [], {}, (hidden,), (1.0,), {}, [],
+                 raw={"turn_deg": 20.0})  # fmt: skip
+    changed, plain = (shown(drawn, [part], some)[0] for some in ([entry], []))
+    counts = prepare(part, part.with_heights(plain)).used
+    assert np.abs(changed - plain)[~counts].max() > 0.1
+    assert np.abs(changed - plain)[counts].max() < 1e-6
 
 
 def test_worker_processes_find_what_they_are_sent():

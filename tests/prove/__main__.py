@@ -27,7 +27,7 @@ from tests.prove.answer import answered, ask, code_sha256
 from tests.prove.judge import judged
 from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, QUICK, listed
 from tests.prove.page import publish
-from tests.prove.sealed import seal, seals
+from tests.prove.sealed import Folder, seal, seals
 
 SEEDS = {"development": DEVELOPMENT_SEED, "final": FINAL_SEED}
 
@@ -104,6 +104,7 @@ def prove(
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         seal_of = sealed(folder, seed, jobs, pool)
         names = list(seal_of["cases"])
+        before = opened_before(folder, names, code)
         with ThreadPoolExecutor(processes) as askers:
             last = time.monotonic() + 60 * minutes
             answers = told("answered", partial(_asked, folder, last), [(name, code) for name in names], askers)
@@ -115,7 +116,19 @@ def prove(
             if answer is not None
         ]
         results = told("judged", partial(judged, folder), opened, pool)
-    return results, {**seal_of, "code": code}
+    return results, {**seal_of, "code": code, "opened_before": before}
+
+
+def opened_before(folder: Path, names: Sequence[str], code: str) -> int:
+    """Return how many cases had been opened when others were asked, also in an earlier run; 0 where none had."""
+    kept, place = folder / "opened.json", Folder(folder)
+    known = json.loads(kept.read_text()) if kept.exists() else {}
+    asked = [name for name in names if answered(folder, name, code)]
+    opened = sum(place.result(name).exists() for name in asked)
+    if code not in known and opened and len(asked) < len(names):
+        known[code] = opened
+        write_text(kept, json.dumps(known) + "\n")
+    return known.get(code, 0)
 
 
 def _asked(folder: Path, last: float, name: str, code: str) -> dict | None:

@@ -17,12 +17,15 @@ from tests.prove.linear import LIMIT_Z
 from tests.prove.structures import FINE_ENOUGH_UM, HALF, PITCHES_UM, WHOLE
 from tests.prove.table import Row, limits, rows, wrong_form
 
+OPENED = """, but that the first {} were
+opened when time had ended, and the others asked afterwards, of the same state of the program"""
+
 HEAD = """# Proof on concealed effects
 
 {all} cases, made by the virtual printer and microscope in `tests/press` (which share no code with `dlwpredict`), were
 sealed: targets and recordings under opaque names, and the SHA-256 of what is concealed in them
 ([`seal.json`](seal.json)). Then `dlwpredict diagnose` was run on each as a command of its own; only after the last
-answer were the seals opened and the answers judged. Run: `{command}` (seed {seed}).
+answer were the seals opened and the answers judged{opened}. Run: `{command}` (seed {seed}).
 {count} cases were asked ({kinds}){rest}.
 One to three random structures per case (CIN of 60 to 80 um, AIR of 80 to 100, lens, stairs, posts and pads of 40 to
 60, at a pitch of {whole} um, in every fifth case; half as large, at {half} um, in the others); random process, noise
@@ -90,6 +93,7 @@ def text(results: Sequence[Mapping], lines: Sequence[Row], seal: Mapping, *, com
         all=every_case, count=len(results), kinds=counts, command=command, seed=seal["seed"], limit=LIMIT_Z,
         whole="{} to {}".format(*PITCHES_UM[WHOLE]), half="{} to {}".format(*PITCHES_UM[HALF]), coarse=FINE_ENOUGH_UM,
         seconds=seconds, version=__version__, code=seal["code"][:16],
+        opened=OPENED.format(seal["opened_before"]) if seal.get("opened_before") else "",
         rest="; time ended before the others, in an order that the seal holds" * (len(results) < every_case),
     )  # fmt: skip
     parts = [head]
