@@ -1,31 +1,34 @@
 # The paper's workflow (its Fig. 2) on the virtual printer: design, print, measure, align, calibrate, correct, print again.
-#   make generations TARGET=cin|air [GENERATIONS=2] [START=parameters.yaml]
-# runs/generations/TARGET/gK holds generation K; g0 is the calibration print of the unmodified target. Each step is a
-# file, so an interrupted run goes on where it stopped.
+#   make generations TARGET=cin|air|lens-array [SEED=1] [GENERATIONS=2] [DIAGNOSE=1] [START=parameters.yaml]
+# runs/generations/TARGET-SEED/gK holds generation K; g0 is the calibration print of the unmodified target. The seed is
+# that of the recordings' noise and of AIR's surface. Each step is a file, so an interrupted run goes on where it stopped.
 #
 # Every recording is aligned to the original target, since that is what each print is meant to show; written map and
 # recording then lie on one grid. Calibration pairs them, from generation 1 on all generations jointly. The recording's
 # lateral scale is trusted (--distortion rigid): a part that is too small must not be stretched to fit.
 
 TARGET ?= cin
+SEED ?= 1
 GENERATIONS ?= 2
 START ?= configs/paper-defaults.yaml
 GENERATION_DESIGN_cin := --size-um 50 --pitch-um 0.25 --margin-um 8
-GENERATION_DESIGN_air := --size-um 100 --pitch-um 0.4 --margin-um 10 --seed 1
+GENERATION_DESIGN_air := --size-um 100 --pitch-um 0.4 --margin-um 10 --seed $(SEED)
+GENERATION_DESIGN_lens-array := --size-um 60 --pitch-um 0.3 --margin-um 8
 GENERATION_FIELD_cin := 80
 GENERATION_FIELD_air := 140
+GENERATION_FIELD_lens-array := 95
 
 # DIAGNOSE=1 lets each generation learn from the diagnosis too: what is missing goes into the parameter file.
-GENERATION := $(RUNS)/generations/$(TARGET)$(if $(DIAGNOSE),-diagnosed)
+GENERATION := $(RUNS)/generations/$(TARGET)-$(SEED)$(if $(DIAGNOSE),-diagnosed)
 GENERATION_PROCESS := $(if $(DIAGNOSE),extended,process)
 GENERATION_NUMBERS := $(shell seq 0 $(GENERATIONS))
 
 .PHONY: generations
-generations: $(foreach k,$(GENERATION_NUMBERS),$(GENERATION)/g$(k)/score.json $(GENERATION)/g$(k)/written.stl) ## Print, measure, calibrate, correct, print again on the virtual press (TARGET=cin|air)
+generations: $(foreach k,$(GENERATION_NUMBERS),$(GENERATION)/g$(k)/score.json $(GENERATION)/g$(k)/written.stl) ## Print, measure, calibrate, correct, print again on the virtual press (TARGET=cin|air|lens-array, DIAGNOSE=1)
 	@$(BIN)/python -m tests.bench.generations $(GENERATION) $(TARGET)
 
 $(GENERATION)/target.tif: | $(VENV)/.installed
-	@test -n "$(GENERATION_DESIGN_$(TARGET))" || { echo "error: TARGET=$(TARGET): allowed are cin, air"; exit 1; }
+	@test -n "$(GENERATION_DESIGN_$(TARGET))" || { echo "error: TARGET=$(TARGET): allowed are cin, air, lens-array"; exit 1; }
 	@mkdir -p $(@D)
 	$(DLW) design $(TARGET) $(GENERATION_DESIGN_$(TARGET)) -o $@ --overwrite
 
@@ -44,7 +47,7 @@ $(GENERATION)/%/printed.tif: $(GENERATION)/%/written.tif configs/press.yaml
 	$(BIN)/python -m tests.press print $< -p configs/press.yaml -o $@ --overwrite
 
 $(GENERATION)/g%/recording.tif: $(GENERATION)/g%/printed.tif $(GENERATION)/microscope.yaml
-	$(BIN)/python -m tests.press measure $< -p $(GENERATION)/microscope.yaml -o $@ --seed $* --truth $(@D)/truth.yaml --overwrite
+	$(BIN)/python -m tests.press measure $< -p $(GENERATION)/microscope.yaml -o $@ --seed $(SEED)$* --truth $(@D)/truth.yaml --overwrite
 
 $(GENERATION)/%/aligned.tif: $(GENERATION)/%/recording.tif $(GENERATION)/target.tif
 	$(DLW) align $^ -o $@ --distortion rigid --report $(@D)/align.yaml --overwrite
