@@ -99,4 +99,4 @@ bench-diagnose: $(VENV)/.installed ## Diagnosis against concealed truth (hours; 
 	$(BIN)/python -m tests.bench.diagnosis $(RUNS)/bench-diagnose $(BENCH_DIAGNOSE)
 
 bench-agreement: $(VENV)/.installed ## Press against program, effect by effect, beside all that a fit may move (10 minutes)
-	$(BIN)/python -m tests.bench.agreement $(AGREEMENT)
+	$(BIN)/python -m tests.bench.agreement $(AGREEMENT) --json $(RUNS)/bench/agreement.json

@@ -1,14 +1,17 @@
 """Press against program, effect by effect: what is left of both changes once everything that a fit may move is fitted.
 
-Run as ``python -m tests.bench.agreement [EFFECT ...]``; `make bench-agreement` does. Maps that agree to a nanometre may
-still disagree here: calibration, levelling and registration take most of a change, and what they leave is all that a
-diagnosis sees. A cosine below 0.9 is a finding: a fault of either, a limit of the pixels, or another law.
+Run as ``python -m tests.bench.agreement [EFFECT ...] [--json FILE]``; `make bench-agreement` does. Maps that agree to a
+nanometre may still disagree here: calibration, levelling and registration take most of a change, and what they leave
+is all that a diagnosis sees. A cosine below 0.9 is a finding: a fault of either, a limit of the pixels, or another law.
 """
 
 from __future__ import annotations
 
-import sys
-from dataclasses import replace
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -66,12 +69,33 @@ def by_press(known: Bare, effect: Effect) -> list[np.ndarray]:
     return [np.nan_to_num(a - b) for a, b in zip(changed, known.plain, strict=True)]
 
 
-def main() -> None:
-    """Print a line for every switch of every effect."""
+@dataclass(frozen=True)
+class Agreement:
+    """What is left of the two changes.
+
+    Parameters
+    ----------
+    effect, switch : str
+    strength : float
+    program, press : float
+        How far each stands out of the noise, in standard deviations.
+    cosine : float
+        Between their directions in whitened space.
+    """
+
+    effect: str
+    switch: str
+    strength: float
+    program: float
+    press: float
+    cosine: float
+
+
+def agreements(names: Sequence[str]) -> Iterator[Agreement]:
+    """Compare the two, a switch of an effect at a time, at a strength that the program's change stands out with."""
     known = bare(SEED)
     fitted = known.sight.fit
-    print(f"{'effect':24s} {'switch':20s} {'strength':>9s} {'z program':>9s} {'z press':>8s} {'cosine':>7s}")
-    for name in sys.argv[1:] or NAMED:
+    for name in names:
         kind = library()[name]
         for switch, typical in kind.switches().items():
             if switch in SET_APART or not hasattr(registry()[name](), switch):
@@ -82,7 +106,23 @@ def main() -> None:
             effect = kind(**{switch: strength})
             one, ours = left(fitted, by_program(known, effect))
             other, theirs = left(fitted, by_press(known, effect))
-            print(f"{name:24s} {switch:20s} {strength:9.4g} {ours:9.1f} {theirs:8.1f} {one @ other:7.3f}", flush=True)
+            yield Agreement(name, switch, strength, ours, theirs, float(one @ other))
+
+
+def main() -> None:
+    """Print a line for every switch of every effect."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.agreement", description=__doc__.splitlines()[0])
+    parser.add_argument("effects", nargs="*", metavar="EFFECT", help="all without")
+    parser.add_argument("--json", type=Path, help="keep the figures")
+    asked, kept = parser.parse_args(), []
+    print(f"{'effect':24s} {'switch':20s} {'strength':>9s} {'z program':>9s} {'z press':>8s} {'cosine':>7s}")
+    for one in agreements(asked.effects or NAMED):
+        figures = f"{one.strength:9.4g} {one.program:9.1f} {one.press:8.1f} {one.cosine:7.3f}"
+        print(f"{one.effect:24s} {one.switch:20s} {figures}", flush=True)
+        kept.append(asdict(one))
+    if asked.json:
+        asked.json.parent.mkdir(parents=True, exist_ok=True)
+        asked.json.write_text(json.dumps(kept, indent=1) + "\n")
 
 
 if __name__ == "__main__":

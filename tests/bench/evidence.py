@@ -1,7 +1,8 @@
-"""Leave what `make demo`, `real-diagnosis` and `generations` came to as JSON, from which the page of evidence is made.
+"""Leave what benches came to as JSON, from which the page of evidence is made.
 
-Run as ``python -m tests.bench.evidence demo|real|generations`` after the Make rules have filled runs/; of the
-generations both ways of one seed, with ``DIAGNOSE=1`` and without.
+Run as ``python -m tests.bench.evidence demo|real|generations|agreement|speed`` after `make demo`, `real-diagnosis`,
+`generations`, `bench-agreement` or `bench` has filled runs/; of the generations both ways of one seed, with
+``DIAGNOSE=1`` and without.
 """
 
 from __future__ import annotations
@@ -131,11 +132,47 @@ def generations(run: Path = RUNS / "generations") -> dict[str, Any]:
     }
 
 
+def agreement(kept: Path = RUNS / "bench" / "agreement.json") -> dict[str, Any]:
+    """Return how far press and program agree on what every effect does."""
+    found = json.loads(kept.read_text())
+    rows = [
+        row(f"{one['effect']}, {one['switch']} = {one['strength']:.3g}: cosine", one["cosine"], "", ">= 0.9")
+        for one in found
+    ]
+    text = (
+        "What the program's formula and the press's own physics change in the same print, at the same strength, once "
+        "all that a fit may move is fitted: calibration, levelling, registration. The cosine is that between the two "
+        "in units of noise; 1 = the same change. Below 0.9 the program's law is another than the press's, and a diagnosis "
+        "of it leaves something without a name."
+    )
+    return {
+        "title": "Press and program, effect by effect",
+        "command": "make bench-agreement",
+        "text": text,
+        "rows": rows,
+    }
+
+
+def speed(folder: Path = RUNS / "bench") -> dict[str, Any]:
+    """Return the figures of speed."""
+    parts = [json.loads(path.read_text()) for path in sorted(folder.glob("*.json")) if path.stem != "agreement"]
+    rows = []
+    for one in (figure for part in parts for figure in part["figures"]):
+        wanted = "" if one["target"] is None else f"{'>=' if one['least'] else '<='} {one['target']:g}"
+        about = f"{one['name']} ({one['note']})" if one["note"] else one["name"]
+        rows.append(row(about, one["value"], one["unit"], wanted))
+    text = "Ratios of medians of runs in turn on one machine; the reference stands in the name or the note."
+    return {"title": "Speed", "command": "make bench", "text": text, "rows": rows}
+
+
+TABLES = {one.__name__: one for one in (demo, real, generations, agreement, speed)}
+
+
 def main(name: str) -> None:
     """Write one table."""
     machine = f"{platform.system()}, 2 cores, Python {platform.python_version()}"
     about = {"version": __version__, "machine": machine, "date": f"{date.today()}"}
-    table = {"demo": demo, "real": real, "generations": generations}[name]()
+    table = TABLES[name]()
     write_text(EVIDENCE / f"{name}.json", json.dumps(about | table, indent=1, ensure_ascii=False) + "\n")
 
 
