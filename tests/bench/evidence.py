@@ -140,10 +140,10 @@ def agreement(kept: Path = RUNS / "bench" / "agreement.json") -> dict[str, Any]:
         for one in found
     ]
     text = (
-        "What the program's formula and the press's own physics change in the same print, at the same strength, once "
-        "all that a fit may move is fitted: calibration, levelling, registration. The cosine is that between the two "
-        "in units of noise; 1 = the same change. Below 0.9 the program's law is another than the press's, and a diagnosis "
-        "of it leaves something without a name."
+        "What the program's formula and the press's own physics change in the same print, at the same strength, "
+        "once all that a fit may move is fitted: calibration, levelling, registration. The cosine is that between "
+        "the two in units of noise; 1 = the same change. Below 0.9 the program's law is another than the press's, "
+        "and a diagnosis of it leaves something without a name."
     )
     return {
         "title": "Press and program, effect by effect",
