@@ -206,14 +206,22 @@ class Search:
     def rested(self) -> Names:
         """Return the best set, brought to convergence where only its quick fit was known.
 
-        Each of its names stands beside what the form of the process itself may be wrong by.
+        Each of its names stands beside what the form of the process itself may be wrong by: of a quick fit as of one
+        that has converged, so that a set which does not stand is not brought to convergence.
         """
         best = self.best()
-        while best and self.converged(best) is not self.stood.get(best, (None,))[0]:
-            model = self.fitter.objective.whole(self.fitted[best])
-            self.stood[best] = self.fitted[best], standing(model, sorted(best), self.fitter.objective)
+        while best and not (self._settled(best) and self._has_stood(best)):
+            if self._has_stood(best):
+                self.converged(best)
+            else:
+                model = self.fitter.objective.whole(self.fitted[best])
+                self.stood[best] = self.fitted[best], standing(model, sorted(best), self.fitter.objective)
             best = self.best()
         return best
+
+    def _has_stood(self, names: Names) -> bool:
+        """Tell whether the doubts about the process's own form were asked of the fit of a set as it is."""
+        return names in self.stood and self.stood[names][0] is self.fitted[names]
 
     def converged(self, names: Names) -> Fit:
         """Return the fit of a set, brought to convergence where only its quick fit was known."""

@@ -17,6 +17,7 @@ from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import WIDTH_SD
 from dlwpredict.infer.stored import recorded, restored
+from dlwpredict.infer.straight import bending, straight
 from dlwpredict.numerics.parallel import ALONE, Workers
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
@@ -25,7 +26,10 @@ QUICK_STEPS, RENEWED, QUICK_GAIN = 5, 2, 6.0
 its next step promises more than this in the objective, about what two models must be apart by to be told apart."""
 
 LOOK, FOLLOWED = 8, 1.05
-"""Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other."""
+"""Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other ..."""
+
+SAME_VALLEY = 0.5
+"""... or is on the way to the same place: the tangent there leaves less than this share of what residuals differ by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +210,21 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     if other is not None:
         again = objective.differentiated(objective.at(found.free, other, found))
         again = descend(objective, again, secant=True, steps=LOOK)
-        if again.cost < FOLLOWED * found.cost:
+        if again.cost < found.cost or (again.cost < FOLLOWED * found.cost and not _leads_to(found, again)):
             found = min(found, _converged(objective, again, like), key=lambda one: one.cost)
     return found, objective.work.predictions
+
+
+def _leads_to(found: Fit, other: Fit) -> bool:
+    """Tell whether another place lies in the valley of a converged fit: to first order from there its residual follows.
+
+    Behind a ridge it does not, however near in cost.
+    """
+    free = found.free
+    along = bending(free, found.vector) @ (straight(free, other.vector) - straight(free, found.vector))
+    differs = other.residual - found.residual
+    unsaid = differs + found.nuisances.beside(found.jacobian @ along)
+    return float(unsaid @ unsaid) < SAME_VALLEY * float(differs @ differs)
 
 
 def _converged(objective: Objective, fit: Fit, like: Free) -> Fit:
