@@ -25,6 +25,10 @@ MISFIT = 1e-3
 """... or than this share of what the residual exceeds its noise by: a model that lacks something need not be known to a
 standard deviation."""
 
+STALLED = 1.0
+"""... or has come true by less, with a Jacobian computed there, though it promised up to so much: finite differences
+are no more exact where a valley is flat."""
+
 TRUSTED = 0.8
 """Share of the promised gain that must come true for the Jacobian to be updated by the secant, not computed anew."""
 
@@ -61,6 +65,8 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
             damping = max(100 * damping, LEAST_DAMPING)
             if promised < least or damping > MOST_DAMPING:
                 break
+        elif fresh and promised < STALLED and now.cost - trial.cost < least:
+            return replace(trial, jacobian=_broyden(now, trial))
         else:
             fresh = not (secant or now.cost - trial.cost > TRUSTED * promised)
             now = objective.differentiated(trial) if fresh else replace(trial, jacobian=_broyden(now, trial))
