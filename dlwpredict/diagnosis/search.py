@@ -220,8 +220,19 @@ class Search:
         return best
 
     def _has_stood(self, names: Names) -> bool:
-        """Tell whether the doubts about the process's own form were asked of the fit of a set as it is."""
-        return names in self.stood and self.stood[names][0] is self.fitted[names]
+        """Tell whether the doubts about the process's own form were asked of a set where it is fitted, or very near."""
+        if names not in self.stood:
+            return False
+        asked, now = self.stood[names][0], self.fitted[names]
+        return asked.free.names == now.free.names and asked.cost - now.cost < policy.WIDTH
+
+    def _cannot_stand(self, names: Names) -> bool:
+        """Tell whether a set will not stand beside these doubts however far its fit may still go down."""
+        if not self._has_stood(names) or any(names - {name} not in self.fitted for name in names):
+            return False
+        shares, promise, cost = self.stood[names][1], self.fitted[names].promise, self.fitted[names].cost
+        gains = {name: self.fitted[names - {name}].cost - cost + promise for name in names}
+        return any(shares[name] * gains[name] < self.needed(names, name) for name in names)
 
     def converged(self, names: Names) -> Fit:
         """Return the fit of a set, brought to convergence where only its quick fit was known."""
@@ -326,6 +337,7 @@ class Search:
         hopes = {names: costs[names] - self.fitted[names].promise for names in among or costs}
         near = [names for names, hope in hopes.items() if hope <= self._limit(names, costs, beside)]
         near = [names for names in near if names and not self._settled(names)]
+        near = [names for names in near if len(names) <= len(beside) or not self._cannot_stand(names)]
         self._keep(self.fitter.settle([self.fitted[names] for names in near]))
 
     def _limit(self, names: Names, costs: Mapping[Names, float], beside: Names) -> float:

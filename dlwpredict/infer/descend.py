@@ -66,7 +66,7 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
             if promised < least or damping > MOST_DAMPING:
                 break
         elif fresh and promised < STALLED and now.cost - trial.cost < least:
-            return replace(trial, jacobian=_broyden(now, trial))
+            break
         else:
             fresh = not (secant or now.cost - trial.cost > TRUSTED * promised)
             now = objective.differentiated(trial) if fresh else replace(trial, jacobian=_broyden(now, trial))
