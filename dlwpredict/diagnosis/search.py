@@ -206,12 +206,12 @@ class Search:
     def rested(self) -> Names:
         """Return the best set, brought to convergence where only its quick fit was known.
 
-        Each of its names stands beside what the form of the process itself may be wrong by: of a quick fit as of one
-        that has converged, so that a set which does not stand is not brought to convergence.
+        Each of its names stands beside what the form of the process itself may be wrong by. That is asked of a quick
+        fit first, so that a set which does not stand is not brought to convergence.
         """
         best = self.best()
-        while best and not (self._settled(best) and self._has_stood(best)):
-            if self._has_stood(best):
+        while best and not (self._settled(best) and self.stood.get(best, (None,))[0] is self.fitted[best]):
+            if self._has_stood(best) and not self._settled(best):
                 self.converged(best)
             else:
                 model = self.fitter.objective.whole(self.fitted[best])

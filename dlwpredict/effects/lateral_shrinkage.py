@@ -30,8 +30,8 @@ def drawn_inwards(surface: HeightMap, strain: float, pin_height_um: float) -> np
     """Return the surface of a part whose resin at height z moved to x_c + (x − x_c) · (1 − strain · (1 − e^(−z/H))).
 
     The new height at x′ is the largest z at which the resin that moved there, from x(x′, z), belongs to the part:
-    z ≤ h(x). Secants find it where the surface is smooth. They begin at the higher of the surface here and of that where
-    the highest resin would come from, so that a top that has come to lie over lower ground is seen. Elsewhere an
+    z ≤ h(x). Secants find it where the surface is smooth. They begin at the higher of the surface here and of that
+    where the highest resin would come from, so that a top that has come to lie over lower ground is seen. Elsewhere an
     interval is divided, so that walls may lean as far as they do. x_c is the centroid of the footprint. Law and pinning
     height are ours; Lang et al. 2022 leave lateral shrinkage out.
 

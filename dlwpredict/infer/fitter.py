@@ -25,11 +25,13 @@ QUICK_STEPS, RENEWED, QUICK_GAIN = 5, 2, 6.0
 """Steps of a quick fit with the same derivatives, at first those of its parent; and how often they are taken anew while
 its next step promises more than this in the objective, about what two models must be apart by to be told apart."""
 
-LOOK, FOLLOWED = 8, 1.05
-"""Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other ..."""
+LOOK, FOLLOWED = 8, 3.0
+"""Steps of a descent from the paper's seven before it is given up where so many times what its next step promises would
+not bring it below the other: the promise of a secant falls short ..."""
 
 SAME_VALLEY = 0.5
-"""... or is on the way to the same place: the tangent there leaves less than this share of what residuals differ by."""
+"""... or where it is on the way to the same place: the tangent there leaves less than this share of what residuals
+differ by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,16 +212,18 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     if other is not None:
         again = objective.differentiated(objective.at(found.free, other, found))
         again = descend(objective, again, secant=True, steps=LOOK)
-        if again.cost < found.cost or (again.cost < FOLLOWED * found.cost and not _leads_to(found, again)):
+        if again.cost - FOLLOWED * promised(again) < found.cost and not _leads_to(found, again):
             found = min(found, _converged(objective, again, like), key=lambda one: one.cost)
     return found, objective.work.predictions
 
 
 def _leads_to(found: Fit, other: Fit) -> bool:
-    """Tell whether another place lies in the valley of a converged fit: to first order from there its residual follows.
+    """Tell whether another place, no lower, is in the valley of a converged fit: to first order its residual follows.
 
     Behind a ridge it does not, however near in cost.
     """
+    if other.cost < found.cost:
+        return False
     free = found.free
     along = bending(free, found.vector) @ (straight(free, other.vector) - straight(free, found.vector))
     differs = other.residual - found.residual
