@@ -379,6 +379,34 @@ class TestSearch:
         found.stood[frozenset(FIELD)] = found.fitted[frozenset(FIELD)], {"field-curvature": 1.0}
         assert found.doubted(frozenset()) == ["curl"]
 
+    def test_a_set_that_does_not_stand_is_not_brought_to_convergence(self, monkeypatch):
+        """Of the 40 of one effect a tenth stands; the 30 of another stand, also where it has converged."""
+        found, asked = search({CURL: 40.0, FIELD: 30.0}), []
+        known = dict(found.fitted)
+        lower = search({FIELD: 31.0}).fitted[frozenset(FIELD)]
+
+        def standing(model, named, objective):
+            asked.append(model)
+            return {name: 0.1 if name == "curl" else 1.0 for name in named}
+
+        monkeypatch.setattr("dlwpredict.diagnosis.search.standing", standing)
+        found.fitter = SimpleNamespace(
+            objective=SimpleNamespace(whole=lambda fit: fit), settled=lambda fit: fit is lower, best=lambda start: lower
+        )
+        assert found.rested() == {"field-curvature"}
+        assert asked == [known[frozenset(CURL)], known[frozenset(FIELD)], lower]
+        assert found.fitted[frozenset(CURL)] is known[frozenset(CURL)]
+
+    @pytest.mark.parametrize(("promise", "converges"), [(50.0, False), (90.0, True)])
+    def test_nor_is_one_that_cannot_stand_by_all_that_it_promises(self, promise, converges):
+        """Of 40 and what is promised a tenth stands, and 12 must."""
+        found, converged = search({CURL: 40.0}), []
+        found.fitted[frozenset(CURL)].promise = promise
+        found.stood[frozenset(CURL)] = found.fitted[frozenset(CURL)], {"curl": 0.1}
+        found.fitter = SimpleNamespace(settled=lambda fit: False, settle=lambda fits: converged.extend(fits) or fits)
+        found._settle(frozenset())
+        assert bool(converged) == converges
+
     def test_what_a_form_error_may_be_is_doubted_from_the_price_of_a_first_effect_on(self):
         """Beside 1000 one more must gain 7 + 30; from 12 on noise hardly ever makes it."""
         for more, doubted in ((11.0, []), (13.0, ["field-curvature"]), (36.0, ["field-curvature"]), (38.0, [])):

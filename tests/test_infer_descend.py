@@ -79,6 +79,35 @@ class Banana:
         return replace(now, jacobian=np.array([[6 * now.vector[0], -3.0], [1.0, 0.0], [0.0, 0.0]]))
 
 
+@dataclass
+class Flat(Banana):
+    """A residual that hardly answers to u, with derivatives that say it does."""
+
+    def at(self, free: Free, vector: np.ndarray, near: Fit | None = None) -> Fit:
+        self.places += 1
+        return by_hand(free, vector, np.array([0.9 - 0.01 * vector[0], 0, 0]))
+
+    def differentiated(self, now: Fit) -> Fit:
+        self.jacobians += 1
+        return replace(now, jacobian=np.array([[0.9, 0.0], [0.0, 0.0], [0.0, 0.0]]))
+
+
+def test_a_descent_ends_where_derivatives_computed_there_promise_little_that_does_not_come_true():
+    """0.81 is promised, and 0.018 comes: the next derivatives would say the same."""
+    flat = Flat()
+    found = descend(flat, flat.differentiated(flat.at(flat.free, np.zeros(2))))
+    assert (flat.jacobians, flat.places) == (1, 2)
+    assert found.cost == 0.81 and found.jacobian[0, 0] == 0.9
+
+
+@pytest.mark.parametrize(("end", "same"), [((0.5, 0.2), True), ((-0.5, -0.2), False), ((0.05, 0.0), False)])
+def test_another_place_is_in_the_same_valley_where_its_residual_follows_from_the_derivatives(end, same):
+    """From (0, 0) to (1, 2) a residual of (0.1, 0) becomes (0.5, 0.2) to first order; a lower place is another's."""
+    free = Banana().free
+    found = by_hand(free, np.zeros(2), np.array([0.1, 0.0]), np.array([[-0.4, 0.0], [0.0, -0.1]]))
+    assert fitting._leads_to(found, by_hand(free, np.array([1.0, 2.0]), np.array(end))) == same
+
+
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (-4.0, 16.0), (3.0, 9.0)])
 def test_a_bent_valley_is_not_crawled_along(start):
     """The way over the flank takes a few steps; along the floor alone, up to 13 Jacobians and 37 places."""
