@@ -25,13 +25,11 @@ QUICK_STEPS, RENEWED, QUICK_GAIN = 5, 2, 6.0
 """Steps of a quick fit with the same derivatives, at first those of its parent; and how often they are taken anew while
 its next step promises more than this in the objective, about what two models must be apart by to be told apart."""
 
-LOOK, FOLLOWED = 8, 3.0
-"""Steps of a descent from the paper's seven before it is given up where so many times what its next step promises would
-not bring it below the other: the promise of a secant falls short ..."""
+LOOK, FOLLOWED = 8, 1.05
+"""Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other,"""
 
 SAME_VALLEY = 0.5
-"""... or where it is on the way to the same place: the tangent there leaves less than this share of what residuals
-differ by."""
+"""or is on the way to the same place: the tangent there leaves less than this share of what residuals differ by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +210,7 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
     if other is not None:
         again = objective.differentiated(objective.at(found.free, other, found))
         again = descend(objective, again, secant=True, steps=LOOK)
-        if again.cost - FOLLOWED * promised(again) < found.cost and not _leads_to(found, again):
+        if again.cost < FOLLOWED * found.cost and not _leads_to(found, again):
             found = min(found, _converged(objective, again, like), key=lambda one: one.cost)
     return found, objective.work.predictions
 
