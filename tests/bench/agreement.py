@@ -17,6 +17,7 @@ import numpy as np
 
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
+from dlwpredict.files.atomic import write_text
 from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import declarations
 from dlwpredict.process import predict
@@ -122,7 +123,7 @@ def main() -> None:
         kept.append(asdict(one))
     if asked.json:
         asked.json.parent.mkdir(parents=True, exist_ok=True)
-        asked.json.write_text(json.dumps(kept, indent=1) + "\n")
+        write_text(asked.json, json.dumps(kept, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -92,8 +92,8 @@ def real(run: Path = RUNS / "real") -> dict[str, Any]:
 
 
 PRESS = Path("configs/press.yaml")
-FORMS = {"focus_profile": "psf-wings", "contrast": "soft-gelling"}
-"""Where the press differs from the seven in form, the effect that is nearest."""
+FORM = "psf-wings"
+"""The library's effect that the press's focus, a Gaussian-Lorentzian, is nearest to."""
 
 BETTER = {"cin": ">= 12", "air": ">= 12", "lens-array": ""}
 
@@ -101,9 +101,11 @@ BETTER = {"cin": ">= 12", "air": ">= 12", "lens-array": ""}
 def generations(run: Path = RUNS / "generations") -> dict[str, Any]:
     """Return the table of one correction, with the diagnosis and with the seven parameters alone."""
     rows = []
-    true = {one["name"] for one in yaml.safe_load(PRESS.read_text())["effects"]} | set(FORMS.values())
+    true = {one["name"] for one in yaml.safe_load(PRESS.read_text())["effects"]} | {FORM}
     for target, wanted in BETTER.items():
         both = [(one, one.with_name(f"{one.name}-diagnosed")) for one in sorted(run.glob(f"{target}-[0-9]"))]
+        if not both:
+            continue
         errors = [[scores(place, "aligned.tif")[1:3] for place in ways] for ways in both]
         rmse = np.array([[[one.rmse_um for one in way] for way in ways] for ways in errors])  # seed, way, generation
         gains = rmse[..., 0] / rmse[..., 1]
