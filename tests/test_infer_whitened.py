@@ -21,7 +21,7 @@ from dlwpredict.infer.objective import Fit, Nuisances, Objective
 from dlwpredict.infer.objective import step as step_of
 from dlwpredict.infer.priors import LEVELLING, NUISANCES, bounded
 from dlwpredict.infer.recording import doubted, prepare
-from dlwpredict.infer.registration import registered
+from dlwpredict.infer.registration import nuisances_fitted, registered
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import STEEPEST, Whitened, displacements, gradient, shifted, steepness
 from dlwpredict.noise.covariance import Noise
@@ -100,6 +100,27 @@ class TestNuisances:
         away = registered(item_of(target, target.with_heights(moved), wall_px=6), heights)
         assert away.item.shift_um == pytest.approx((1.1, -0.7), abs=1e-4)
         assert np.mean(away.residual**2) < 1e-4
+
+    def test_where_a_recording_lies_costs_what_its_other_nuisances_leave(self):
+        """And what the prior asks for the shift there; a step that is still to come is promised, not counted."""
+        target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
+        heights = predict(target, ParameterSet()).heights_um
+        item = replace(item_of(target, target.with_heights(heights + 0.01 * target.heights_um)), shift_um=(0.3, -0.2))
+        others = tuple(name for name in item.nuisances if name not in ("shift_x", "shift_y"))
+        fixed = replace(item, recording=replace(item.recording, nuisances=others))
+        here, there = (nuisances_fitted(one, heights) for one in (item, fixed))
+        prior = sum((s / NUISANCES["shift_x"][1]) ** 2 for s in item.shift_um)
+        assert here.cost == pytest.approx(there.cost + prior, rel=1e-6)
+        assert here.residual @ here.residual < 0.9 * there.cost
+
+    @pytest.mark.parametrize("start_um", [-1.2, -0.8, 0.6])
+    def test_registration_never_leads_uphill(self, start_um):
+        """Of stairs with treads of six pixels hardly a point counts beside the part, and a linear step means little."""
+        target = designs.stairs(size_um=20, feature_um=2.5, pitch_um=0.4, margin_um=4)
+        heights = predict(target, ParameterSet()).heights_um
+        seen = target.with_heights(heights + NOISE.simulate(target.shape, np.random.default_rng(2)))
+        item = replace(item_of(target, seen), shift_um=(start_um, 0.0))
+        assert registered(item, heights).cost <= nuisances_fitted(item, heights).cost
 
     def test_no_wall_is_read_wherever_it_is_printed(self):
         """Two pixels of a part's rim gone: to the points that count it makes no difference, nor to their slopes."""

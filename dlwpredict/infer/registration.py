@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from dlwpredict.infer import priors
-from dlwpredict.infer.priors import NUISANCES
+from dlwpredict.infer.priors import NUISANCES, SHIFTS
 from dlwpredict.infer.whitened import Whitened
 
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
 """Registration is repeated at most so often, until it moves by less: a thousandth of a pixel."""
 
-LONGER = 0.5, 2.0
-"""Factors on a step of it."""
+LONGER, SHORTER = (0.5, 2.0), 0.25
+"""Factors on a step of it: as the step before has shown, and where one has led uphill."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """A recording where registration has put it, its nuisances fitted."""
+    """A recording where registration has put it, its nuisances fitted.
+
+    Parameters
+    ----------
+    item : Whitened
+    residual, prior : numpy.ndarray, shapes (points,), (priors,)
+        Whitened, beside the nuisances.
+    above, below : numpy.ndarray, shapes (points, columns), (priors, columns)
+        Orthonormal basis of the whitened nuisances, rows of their priors below.
+    coefficients : numpy.ndarray, shape (nuisances,)
+    spread : numpy.ndarray, shape (nuisances, columns)
+        From coordinates in that basis to coefficients.
+    """
 
     item: Whitened
     residual: np.ndarray
@@ -27,29 +40,47 @@ class Registered:
     above: np.ndarray
     below: np.ndarray
     coefficients: np.ndarray
+    spread: np.ndarray
+
+    @cached_property
+    def step_um(self) -> np.ndarray:
+        """By how much the recording is still to be shifted, (x, y)."""
+        return self.item.shift_in(self.coefficients)
+
+    @cached_property
+    def cost(self) -> float:
+        """−2 ln L and priors where the recording lies, all else fitted: no promise of the next step is counted."""
+        names = self.item.nuisances
+        rows = [names.index(name) for name in SHIFTS if name in names]
+        back = np.linalg.pinv(self.spread[rows]) @ self.coefficients[rows]
+        return float(self.residual @ self.residual + self.prior @ self.prior + back @ back)
 
 
 def registered(item: Whitened, predicted_um: np.ndarray) -> Registered:
-    """Fit a recording's own nuisances, priors included, and move its registration along with them.
+    """Fit a recording's own nuisances, priors included, and move its registration along with them, never uphill.
 
     A step is linear, and the residual bends what it goes along: the second and later ones are as much longer or shorter
-    as the step before has shown (secant).
+    as the step before has shown (secant). Where little of a structure counts, a shift is hardly known, and its linear
+    step may lead onto a wall: it is shortened.
     """
-    before, moved, factor = np.zeros(2), np.zeros(2), 1.0
+    now, factor = nuisances_fitted(item, predicted_um), 1.0
     for _ in range(REGISTRATIONS):
-        solution = _nuisances_fitted(item, predicted_um)
-        step = item.shift_in(solution.coefficients)
-        if along := float((before - step) @ moved):
-            factor = float(np.clip(moved @ moved / along, *LONGER)) if along > 0 else 1.0
-        further = item.shifted_by(factor * step)
-        before, moved = step, np.subtract(further.shift_um, item.shift_um)
+        further = now.item.shifted_by(factor * now.step_um)
+        moved = np.subtract(further.shift_um, now.item.shift_um)
         if np.abs(moved).max() < REGISTERED_UM:
             break
-        item = further
-    return solution
+        then = nuisances_fitted(further, predicted_um)
+        if then.cost > now.cost:
+            factor *= SHORTER
+            continue
+        along = float((now.step_um - then.step_um) @ moved)
+        factor = float(np.clip(moved @ moved / along, *LONGER)) if along > 0 else 1.0
+        now = then
+    return now
 
 
-def _nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> Registered:
+def nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> Registered:
+    """Fit a recording's own nuisances, priors included, linearly about where it lies."""
     measured = np.where(item.recording.used, item.recording.measured.heights_um, 0.0) - item.moved(predicted_um)
     white = item.white(np.concatenate([measured[None], item.nuisance_maps(predicted_um)]))
     residual, columns = white[:, 0], white[:, 1:]
@@ -66,4 +97,5 @@ def _nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> Registered:
     above, below = columns @ turn, prior @ turn
     along = above.T @ residual + below.T @ goal
     left, short = residual - above @ along, goal - below @ along
-    return Registered(item, left, short, above, below, turn @ along / scale)
+    spread = turn / scale[:, None]
+    return Registered(item, left, short, above, below, spread @ along, spread)
