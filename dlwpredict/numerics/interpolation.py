@@ -62,7 +62,7 @@ def moved_along(maps: np.ndarray, by_px: float, axis: int) -> tuple[np.ndarray, 
     (614.125, -216.75)
     """
     first = int(np.floor(-by_px))
-    weights, slopes = _cubics(np.array(-by_px - first), DIFFERENCES[6])
+    weights, slopes = (_cubics(np.array(-by_px - first), DIFFERENCES[6], order) for order in (0, 1))
     pixels = np.arange(-2, 4) + first
     reach = int(np.abs(pixels).max())
     kernels = np.zeros((2, 2 * reach + 1))
@@ -141,22 +141,23 @@ def _mean_taps(place: np.ndarray, n: int, width: float, count: int) -> tuple[np.
 def _taps(place: np.ndarray, count: int, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest pixels along one axis and their weights, shape (pixels, ...) each: Hermite's cubics."""
     first, reach = np.floor(place).astype(int), len(difference) // 2
-    weights, _ = _cubics(place - first, difference)
+    weights = _cubics(place - first, difference)
     return np.clip(np.add.outer(np.arange(-reach, reach + 2), first), 0, count - 1), weights
 
 
-def _cubics(t: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weights of the nearest pixels at t, 0 to 1 from one to the next, and their derivatives by t."""
-    reach = len(difference) // 2
-    rise, steep = t * t * (3 - 2 * t), 6 * t * (1 - t)
-    found = []
-    for ends, slopes in (
-        ((1 - rise, rise), (t * (t - 1) ** 2, t * t * (t - 1))),
-        ((-steep, steep), ((t - 1) * (3 * t - 1), t * (3 * t - 2))),
-    ):
-        weights = np.zeros((2 * reach + 2, *t.shape))
-        weights[reach : reach + 2] = ends
-        for end, slope in enumerate(slopes):
-            weights[end : end + len(difference)] += np.multiply.outer(difference, slope)
-        found.append(weights)
-    return found[0], found[1]
+def _cubics(t: np.ndarray, difference: np.ndarray, order: int = 0) -> np.ndarray:
+    """Return the weights of the nearest pixels at t, 0 to 1 from one to the next, or their derivatives by t."""
+    reach, back = len(difference) // 2, 1 - t
+    if order == 0:
+        there = t * t * (3 - 2 * t)
+        ends, slopes = (1 - there, there), (t * back * back, -t * t * back)
+    else:
+        there = 6 * t * back
+        ends, slopes = (-there, there), (back * (1 - 3 * t), t * (3 * t - 2))
+    weights = np.zeros((2 * reach + 2, *t.shape))
+    weights[reach : reach + 2] = ends
+    for end, slope in enumerate(slopes):
+        for row, share in enumerate(difference, start=end):
+            if share:
+                weights[row] += share * slope
+    return weights

@@ -32,7 +32,7 @@ BLOCK_PX = 64
 NEWTON_STEPS = 60
 """Enough for the narrowest kernels, where every step first gains little more than a unit of the exponent."""
 
-_ARTANH_ERF = (0.79786971, 0.036392286, -8.7826621e-5, -3.6693431e-5, 1.425005e-6)
+_ARTANH_ERF = (1.425005e-6, -3.6693431e-5, -8.7826621e-5, 0.036392286, 0.79786971)
 """artanh(2Φ(x) − 1) / x as a polynomial in x², fitted for the smallest error of Φ up to 6; it rises beyond."""
 
 _NDTRI = (0.0168853670, 0.624387671), (6.03085565e-5, 0.0431534137, 1.0)
@@ -49,10 +49,7 @@ def ndtr(x: np.ndarray) -> np.ndarray:
     >>> bool(np.abs(ndtr(x) - special.ndtr(x)).max() < 1.5e-6), ndtr(x.astype(np.float32)).dtype
     (True, dtype('float32'))
     """
-    square, result = x * x, np.full_like(x, _ARTANH_ERF[-1])
-    for coefficient in _ARTANH_ERF[-2::-1]:
-        result *= square
-        result += coefficient
+    result = _polynomial(_ARTANH_ERF, x * x)
     result *= x
     np.tanh(result, out=result)
     result += 1
@@ -72,10 +69,21 @@ def ndtri_of_odds(odds: np.ndarray) -> np.ndarray:
     """
     logit = np.log(odds)
     square = logit * logit
-    above, below = (np.polyval(coefficients, square) for coefficients in _NDTRI)
+    above, below = (_polynomial(coefficients, square) for coefficients in _NDTRI)
     logit *= above
     logit /= below
     return logit
+
+
+def _polynomial(coefficients: Sequence[float], x: np.ndarray) -> np.ndarray:
+    """Return a polynomial, highest coefficient first, by Horner's rule in place: twice as quick as NumPy's."""
+    result = np.full_like(x, coefficients[0])  # an array for a number, too
+    result *= x
+    for coefficient in coefficients[1:-1]:
+        result += coefficient
+        result *= x
+    result += coefficients[-1]
+    return result
 
 
 @lru_cache(maxsize=256)
