@@ -161,7 +161,7 @@ class TestDerivatives:
         objective = objective_of(prepare(air, printed))
         now = objective.differentiated(objective.at(SEVEN, SEVEN.start))
         spent = objective.work.predictions
-        assert spent == pytest.approx(1 + 3 + 2 * 0.8)
+        assert spent == pytest.approx(1 + 3 + 2 * 0.3)
         again = objective.differentiated(now, now)
         np.testing.assert_array_equal(again.jacobian, now.jacobian)
         assert objective.work.predictions == spent

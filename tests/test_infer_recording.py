@@ -86,7 +86,7 @@ class TestTrace:
 
     @pytest.mark.parametrize(
         ("name", "value", "work"),
-        [("shrinkage_min", 0.6, 0.0), ("crosslink_fwhm_z_um", 6.0, 0.8), ("threshold", 0.5, 1.0)],
+        [("shrinkage_min", 0.6, 0.0), ("crosslink_fwhm_z_um", 6.0, 0.3), ("threshold", 0.5, 1.0)],
     )
     def test_what_lies_upstream_is_taken_over_and_nothing_else(self, air, name, value, work):
         numerics = Levels(1)

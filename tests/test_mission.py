@@ -32,16 +32,9 @@ MISSED = {
 }
 """It has a rival within 4 % of its gain, less than a form is trusted to: with a threshold of 0.22."""
 
-DEAR = {
-    "z-linearity": "takes 518, not traced",
-    "slope-error": "takes 513, by rounding a few more or less",
-}
-"""Those for which it takes more."""
-
-
 def but_for(missed):
-    """Return all names; what is known to be missed must be so, or the mark goes, but where it hangs on rounding."""
-    marks = {one: pytest.mark.xfail(strict="rounding" not in why, reason=why) for one, why in missed.items()}
+    """Return all names; what is known to be missed must be so, or the mark goes."""
+    marks = {one: pytest.mark.xfail(strict=True, reason=why) for one, why in missed.items()}
     return [pytest.param(one, marks=marks.get(one, ())) for one in NAMED]
 
 
@@ -78,7 +71,7 @@ def test_the_interval_of_its_strength_holds_the_truth(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", but_for(DEAR))
+@pytest.mark.parametrize("name", NAMED)
 def test_a_diagnosis_of_one_effect_takes_no_more_work_than_it_may(name):
     assert answer_to(name)[1].predictions <= ONE
 
