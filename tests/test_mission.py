@@ -32,6 +32,7 @@ MISSED = {
 }
 """It has a rival within 4 % of its gain, less than a form is trusted to: with a threshold of 0.22."""
 
+
 def but_for(missed):
     """Return all names; what is known to be missed must be so, or the mark goes."""
     marks = {one: pytest.mark.xfail(strict=True, reason=why) for one, why in missed.items()}

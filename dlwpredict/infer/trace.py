@@ -14,8 +14,8 @@ from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import room_px, steps
 
 WORK_SHARE = {"exposed": 0.7, "column mean": 0.3}
-"""Share of the two costly steps in one prediction: 0.44 to 0.84 for the first, median 0.7, of twelve parts of 76² to 158²
-pixels at 0.3 to 0.4 µm."""
+"""Share of the two costly steps in one prediction: 0.44 to 0.84 for the first, median 0.7, of twelve parts of 76² to
+158² pixels at 0.3 to 0.4 µm."""
 
 
 @dataclass(frozen=True, eq=False)
