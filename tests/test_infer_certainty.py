@@ -267,6 +267,19 @@ def test_intervals_hold_how_pixels_may_be_read(reading):
     assert 0 < work.predictions <= 1
 
 
+def test_whether_an_instrument_reads_means_or_points_is_considered():
+    """A blur that was fitted to points as if they were means is off by √3 standard deviations of that doubt."""
+    blurred = ParameterSet(effects=(library()["instrument-blur"](fwhm_um=1.2),))
+    target = designs.cin(size_um=24, pitch_um=0.5, margin_um=2, height_um=2, period_min_um=4)
+    printed = predict(target, blurred, as_measured=True)
+    aligned = replace(printed, instrument=Instrument(pitch_um=0.4))
+    free = choose(blurred, free=("instrument-blur.fwhm_um",))
+    objective = Objective((Whitened.of(prepare(target, aligned), Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))),), {})
+    fitted = descend(objective, objective.differentiated(objective.at(free, free.start)))
+    off = 1.2 - fitted.vector[0]
+    assert off == pytest.approx(np.sqrt(3) * considered(fitted, Work())[0] * (0.5 / 0.4) ** 2, rel=0.15) and off > 0.02
+
+
 def test_pixels_that_are_said_are_in_no_doubt():
     fit = fit_of(ONE, ONE[0], WHITE, FREE)
     assert considered(fit, Work()) == [0.0]

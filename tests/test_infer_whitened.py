@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from dlwpredict import designs
 from dlwpredict.effects import library
-from dlwpredict.heightmap import HeightMap
+from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.fitter import Fitter, Start, far_widths, from_paper
 from dlwpredict.infer.free import Free, choose
@@ -20,7 +20,7 @@ from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Nuisances, Objective
 from dlwpredict.infer.objective import step as step_of
 from dlwpredict.infer.priors import LEVELLING, NUISANCES, bounded
-from dlwpredict.infer.recording import doubted, prepare
+from dlwpredict.infer.recording import coarser, doubted, prepare
 from dlwpredict.infer.registration import nuisances_fitted, registered
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import STEEPEST, Whitened, displacements, gradient, shifted, steepness
@@ -63,6 +63,27 @@ class TestShift:
         ramp = steepness(np.fromfunction(lambda i, j: 0.3 * 0.4 * j - 0.4 * 0.2 * i, (20, 20)), grid)
         assert steepness(heights, grid).max() == STEEPEST
         np.testing.assert_allclose(ramp[4:-4, 4:-4], 0.5, atol=1e-9)
+
+
+class TestMeans:
+    @pytest.mark.parametrize("shift_um", [0.0, 0.3])
+    def test_what_align_has_read_is_a_mean_over_pixels(self, shift_um):
+        """A wave of ten pixels is lower by sin(kp/2)/(kp/2), to (kp)⁶/2000; of a map at points nothing changes."""
+        x, k, high = (np.arange(60) - 29.5) * 0.4, 2 * np.pi / 4, designs.cin(size_um=24, pitch_um=0.4, margin_um=0)
+        wave, inner = np.tile(np.sin(k * x), (60, 1)), slice(10, -10)
+        aligned = replace(high, instrument=Instrument(pitch_um=0.2))
+        item = replace(item_of(high, aligned), shift_um=(shift_um, 0.0))
+        plain = replace(item, recording=replace(item.recording, width_px=0.0))
+        lower = np.sinc(k * 0.4 / 2 / np.pi)
+        bound = (0.4 * k) ** 6 / 2000
+        shown, points = (one.moved(wave)[inner, inner] for one in (item, plain))
+        np.testing.assert_allclose(shown, lower * points, atol=bound)
+        assert np.ptp(points - shown) > 100 * bound
+
+    def test_working_pixels_are_means_of_target_and_recording_alike(self):
+        target = designs.cin(size_um=24, pitch_um=0.4, margin_um=4)
+        own = prepare(target, replace(target, instrument=Instrument(pitch_um=0.3)))
+        assert (own.width_px, coarser(own, 2).width_px, prepare(target, target).width_px) == (1.0, 0.5, 0.0)
 
 
 class TestNuisances:
@@ -185,7 +206,7 @@ def test_a_parameter_is_as_uncertain_as_noise_numerics_and_priors_make_it(louder
     draws = np.zeros((147, 4000), np.float32)
     draws[:144] = louder * np.random.default_rng(0).standard_normal((144, 4000))
     mean, prior = np.pad(whitener @ np.full(144, 0.005**2 / 144), (0, 3)), np.append(np.zeros(146), 0.4)
-    item = SimpleNamespace(recording=SimpleNamespace(points=144, used=used), whitener=whitener)
+    item = SimpleNamespace(recording=SimpleNamespace(points=144, used=used, read_px=0.0), whitener=whitener)
     estimators = np.column_stack([mean, prior, 0 * mean])
     fitted = SimpleNamespace(
         estimators=estimators,

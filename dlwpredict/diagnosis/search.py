@@ -16,7 +16,7 @@ from dlwpredict.diagnosis.library.signatures import Signatures
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.starts import behind_widths, beside
 from dlwpredict.infer.fitter import Fitter, Start
-from dlwpredict.infer.model import Key, key_of, lacking, on
+from dlwpredict.infer.model import Key, effect_of, key_of, lacking, on, switched
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit
 from dlwpredict.parameters import ParameterSet
@@ -139,9 +139,13 @@ class Search:
         here, gain = self.fitted[best].cost, self.baseline.cost - self.fitted[best].cost
         limit = here + max(self.width_of_set(best), policy.SHORT * gain if len(best) == 1 else 0.0)
         reduced = [best - {name} for name in sorted(best)]
-        others = [names for names in self.fitted if names != best]
+        others = [names for names in self.fitted if names != best and self._whole(names)]
         near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
         return [self._start(names) for names in (best, *near)]
+
+    def _whole(self, names: Names) -> bool:
+        """Tell whether every effect of a set came out on: without one that is off it is the smaller set."""
+        return all(switched(effect_of(self.fitted[names].parameters, name)) for name in names)
 
     def _start(self, names: Names) -> Start:
         """Return a set as it was fitted, as a start."""

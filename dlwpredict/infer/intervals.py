@@ -11,12 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, fittable, with_values
 from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.trace import trace
+from dlwpredict.numerics.smoothing import mean_taps
 from dlwpredict.parameters import ParameterSet
 
 NORMAL = 1.96
@@ -43,23 +45,44 @@ def deviations(fitted: Fit, null: Null, work: Work | None = None) -> np.ndarray:
 
 
 def considered(fitted: Fit, work: Work) -> np.ndarray:
-    """Return the standard deviation that the doubt about how pixels are read gives, shape (parameters,).
+    """Return the standard deviation that doubts about how pixels are written and read give, shape (parameters,).
 
-    A print hardly shows which they are, less than computations differ by: so it is not fitted. Its prior, an even
-    chance anywhere between points and squares, passes through the estimators (a parameter that is considered, not
-    estimated: Schmidt, Adv. Control Syst. 3, 293, 1966).
+    A print hardly shows either, less than computations differ by: so they are not fitted. Their priors, an even chance
+    anywhere between points and squares, pass through the estimators (a parameter that is considered, not estimated:
+    Schmidt, Adv. Control Syst. 3, 293, 1966).
     """
+    doubts = [rows @ fitted.estimators for rows in (_written(fitted, work), _read(fitted)) if rows is not None]
+    return np.linalg.norm([np.zeros(len(fitted.vector)), *doubts], axis=0)
+
+
+def _written(fitted: Fit, work: Work) -> np.ndarray | None:
+    """Return one standard deviation of how pixels are written, about the middle: whitened rows; None where known."""
     process = fitted.parameters
     if process.readings.pixels != "either":
-        return np.zeros(len(fitted.vector))
+        return None
     squares = replace(process, readings=replace(process.readings, pixels="squares"))
     changes, points = [], sum(item.recording.target.heights_um.size for item in fitted.data)
-    for k, known in enumerate(fitted.traces):
-        read = trace(fitted.data[k].recording.target, squares, known.numerics, known)
-        work.predictions += read.work * fitted.data[k].recording.target.heights_um.size / points
-        changes.append(fitted.seen(k, np.nan_to_num(read.heights_um - known.heights_um)[None]))
-    per_share = fitted.rows.stack(changes)[:, 0] / (1 - process.readings.square_share)
-    return np.sqrt(1 / 12) * np.abs(per_share @ fitted.estimators)
+    for item, known in zip(fitted.data, fitted.traces, strict=True):
+        read = trace(item.recording.target, squares, known.numerics, known)
+        work.predictions += read.work * item.recording.target.heights_um.size / points
+        changes.append(np.nan_to_num(read.heights_um - known.heights_um)[None])
+    return np.sqrt(1 / 12) * fitted.seen_in_all(changes)[:, 0] / (1 - process.readings.square_share)
+
+
+def _read(fitted: Fit) -> np.ndarray | None:
+    """Return one of how an instrument has read its pixels, means having been assumed; None where it is not known.
+
+    A camera's are means, those of a scan may be points; `align` takes all for means.
+    """
+    if not any(item.recording.read_px for item in fitted.data):
+        return None
+    changes = []
+    for item, known in zip(fitted.data, fitted.traces, strict=True):
+        taps, mean = mean_taps(item.recording.read_px), known.heights_um
+        for axis in (0, 1):
+            mean = ndimage.correlate1d(mean, taps, axis=axis, mode="nearest")
+        changes.append(np.nan_to_num(mean - known.heights_um)[None])
+    return np.sqrt(1 / 3) * fitted.seen_in_all(changes)[:, 0]
 
 
 def linear(free: Free, vector: np.ndarray, sd: np.ndarray) -> np.ndarray:

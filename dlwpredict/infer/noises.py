@@ -63,8 +63,7 @@ def noises(
             residual, design = np.where(used, difference, 0.0), between_repeats(surface, recording.target)
         pitch = recording.target.dx_um, recording.target.dy_um
         slope = slopes[k] if slopes else 0.0
-        read_px = (recording.measured.instrument.pitch_um or 0.0) / float(np.sqrt(np.prod(pitch)))
-        ground = Ground(slope, recording.scanned_axes, recording.lean, read_px)
+        ground = Ground(slope, recording.scanned_axes, recording.lean, recording.read_px)
         jobs.append((residual, used, pitch, design, ground, source, seed + k))
     estimates = workers.each(_noise, [(*job, SMOOTHNESSES) for job in jobs])
     shared = _shared_kinds([recording.measured.instrument for recording in recordings], estimates)

@@ -40,6 +40,8 @@ class Recording:
         What is free about it, of `priors.NUISANCES`: all else is trusted.
     scars : int
         Lines of the scan that were left out, in whole or in part.
+    width_px : float
+        Side of the square over which every height is a mean and the target's is not; 0 where that is not known.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Recording:
     used: np.ndarray = field(repr=False)
     nuisances: tuple[str, ...] = ()
     scars: int = 0
+    width_px: float = 0.0
 
     @property
     def heights_um(self) -> np.ndarray:
@@ -92,6 +95,11 @@ class Recording:
         across, up = np.cos(np.deg2rad(fast)) * self.target.dy_um, np.sin(np.deg2rad(fast)) * self.target.dx_um
         return float(up / across if self.scanned_axes == (0,) else across / up)
 
+    @property
+    def read_px(self) -> float:
+        """Pitch of an instrument's pixels between which the map was read, in its own; 0: they are the instrument's."""
+        return (self.measured.instrument.pitch_um or 0.0) / float(np.sqrt(self.target.dx_um * self.target.dy_um))
+
     def on_map(self, values: np.ndarray) -> np.ndarray:
         """Return values at the used points as a map, 0 elsewhere, shape (..., rows, cols)."""
         maps = np.zeros((*values.shape[:-1], *self.used.shape))
@@ -132,7 +140,9 @@ def prepare(
             allowed="use a smaller --wall-px or a structure with slopes",
         )
     nuisances = [nuisance for nuisance in trusted(measured) if free_shift or nuisance not in LATERAL]
-    return Recording(name, target, measured, used, tuple(nuisances))
+    # `align` reads means over the target's pixels; of other maps it is not known
+    width_px = float(measured.instrument.pitch_um is not None)
+    return Recording(name, target, measured, used, tuple(nuisances), width_px=width_px)
 
 
 def seen_px(wall_px: int, measured: HeightMap) -> int:
@@ -227,7 +237,9 @@ def coarser(recording: Recording, factor: int) -> Recording:
 
     target = replace(on_grid(_blocks(recording.target.heights_um, factor)), height_reference="substrate")
     shown = replace(on_grid(measured), instrument=recording.measured.instrument)
-    return Recording(recording.name, target, shown, used, recording.nuisances)
+    # of target and recording alike the block is the mean: only what the recording was a mean over before is its own
+    width_px = recording.width_px / factor
+    return Recording(recording.name, target, shown, used, recording.nuisances, width_px=width_px)
 
 
 def _blocks(values: np.ndarray, factor: int) -> np.ndarray:

@@ -18,6 +18,7 @@ from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
 from dlwpredict.numerics.interpolation import DIFFERENCES, moved_along
+from dlwpredict.numerics.smoothing import mean_taps
 
 STEEPEST = 3.0
 """Slope beyond which a pixel's is that of a wall, and says nothing more."""
@@ -109,12 +110,22 @@ class Whitened:
         return self.whitener @ (values.reshape(len(values), -1) if values.ndim > 1 else values)
 
     def moved(self, predicted_um: np.ndarray) -> np.ndarray:
-        """Return a prediction where registration has put it."""
-        return self._shifted(predicted_um)[0] if any(self.shift_um) else predicted_um
+        """Return a prediction as the recording shows it: where registration has put it, as means."""
+        if any(self.shift_um):
+            return self._shifted(predicted_um)[0]
+        return self._means(predicted_um)
+
+    def _means(self, maps_um: np.ndarray) -> np.ndarray:
+        """Return maps (..., rows, cols) as means over the squares over which the recording's heights are means."""
+        if self.recording.width_px:
+            for axis in (-2, -1):
+                maps_um = ndimage.correlate1d(maps_um, mean_taps(self.recording.width_px), axis=axis, mode="nearest")
+        return maps_um
 
     def _shifted(self, maps_um: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return maps (..., rows, cols) where registration has put them, and their slopes; walls are not read."""
-        return shifted(self.recording.across_walls(maps_um), self.recording.target, self.shift_um)
+        """Return means of maps (..., rows, cols) where registration has put them, and their slopes; no wall is read."""
+        maps_um = self.recording.across_walls(self._means(maps_um))
+        return shifted(maps_um, self.recording.target, self.shift_um)
 
     def residual(self, predicted_um: np.ndarray) -> np.ndarray:
         """Whiten recording − prediction, shape (points,)."""

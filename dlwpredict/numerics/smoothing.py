@@ -87,6 +87,22 @@ def _polynomial(coefficients: Sequence[float], x: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
+def mean_taps(width_px: float) -> np.ndarray:
+    """Return the weights of five pixels whose sum is the mean over a width about the middle one.
+
+    f + w²/24·f″ + w⁴/1920·f⁗ with derivatives by differences, exact for polynomials of fifth order.
+
+    Examples
+    --------
+    >>> (5760 * mean_taps(1.0)).round(6).tolist()
+    [-17.0, 308.0, 5178.0, 308.0, -17.0]
+    """
+    second, fourth = width_px**2 / 24, width_px**4 / 1920 - width_px**2 / 288
+    bends = np.array([0, 1, -2, 1, 0]), np.array([1, -4, 6, -4, 1])
+    return np.array([0.0, 0, 1, 0, 0]) + second * bends[0] + fourth * bends[1]
+
+
+@lru_cache(maxsize=256)
 def gaussian_taps(sigma_px: float) -> np.ndarray:
     """Return a sampled Gaussian of sum 1 whose variance over the pixels is exactly sigma_px².
 
