@@ -444,6 +444,12 @@ class TestSearch:
             (both, False),
         ]
 
+    def test_a_quick_fit_that_was_converged_already_gives_way_to_the_whole_one(self):
+        found = search({CURL: 100.0})
+        whole = SimpleNamespace(**vars(found.fitted[frozenset(CURL)]))
+        found._keep([whole])
+        assert found.fitted[frozenset(CURL)] is whole
+
     def test_a_set_with_an_effect_that_came_out_off_is_none(self):
         """It would be taken for the smaller set in the next search, and that one would be unknown there."""
         found = search({CURL: 100.0, CURL + FIELD: 101.0})

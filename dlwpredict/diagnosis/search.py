@@ -358,8 +358,11 @@ class Search:
         return least + policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
 
     def _keep(self, fits: Iterable[Fit]) -> None:
-        """Keep the best fit of every set, by whatever switches of its effects."""
+        """Keep the best fit of every set, by whatever switches of its effects; of equal ones the one that came last.
+
+        A quick fit may be at its lowest place already: brought to convergence it has its derivatives there.
+        """
         for fit in fits:
             names = self.names(fit.parameters)
-            if names not in self.fitted or self.priced(fit) < self.priced(self.fitted[names]):
+            if names not in self.fitted or self.priced(fit) <= self.priced(self.fitted[names]):
                 self.fitted[names] = fit
