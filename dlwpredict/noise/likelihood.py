@@ -68,9 +68,17 @@ class Likelihood:
         )
 
     @property
+    def points(self) -> float:
+        """How many points it is the likelihood of: all, or those of one lattice where neighbours lie on lattices.
+
+        What lattices have of a smooth column they share: four say no more of it than one.
+        """
+        return len(self.table) / self.chosen.stride**2
+
+    @property
     def share(self) -> float:
-        """All points over those looked at."""
-        return len(self.table) / len(self.chosen.own)
+        """Those over the ones looked at."""
+        return self.points / len(self.chosen.own)
 
     def bounds(self, pitch_um: float) -> np.ndarray:
         """Return least and largest place, (2, 2): longer than a sixth of the map, no length can be told."""
@@ -80,8 +88,8 @@ class Likelihood:
     def profiled(self, trials: Sequence[tuple[Noise, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         """Return −2 ln L at the best multiple of each model, and the logarithm of that multiple, (models, maps).
 
-        Up to a constant, with a weak prior. All terms are scaled from the chosen points up to all points: the design is
-        one and is not scaled.
+        Up to a constant, with a weak prior. All terms are scaled from the chosen points to `points`: the design is one
+        and is not scaled.
 
         Parameters
         ----------
@@ -96,17 +104,17 @@ class Likelihood:
         models = [model_at(model, np.array([*place, 0.0])) for model, place in trials]
         coefficients, variances = self.chosen.of_patterns(models)
         products = self._products(coefficients, variances)
-        m, points = self.maps, len(self.chosen.own)
+        m, looked_at = self.maps, len(self.chosen.own)
         rank = products.shape[1] - m
         sizes = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), _NOTHING))
         products /= sizes[:, :, None] * sizes[:, None, :]  # else rounding of the largest would swamp the smallest
         root = np.linalg.cholesky(products[:, m:, m:] + ROUNDING * np.eye(rank))
         along = np.linalg.solve(root, products[:, m:, :m])
         left = np.maximum(1 - np.sum(along**2, axis=1), _NOTHING)  # a map may be nothing but what the design holds
-        squares = sizes[:, :m] ** 2 * left / (points - rank)
+        squares = sizes[:, :m] ** 2 * left / looked_at / (1 - rank / min(looked_at, self.points))
         logs = self.share * np.log(variances) @ self.chosen.patterns[2]
         logs += 2 * np.log(np.diagonal(root, axis1=1, axis2=2) * sizes[:, m:]).sum(axis=1)
-        return logs[:, None] + (len(self.table) - rank) * np.log(squares), np.log(squares) / 2
+        return logs[:, None] + (self.points - rank) * np.log(squares), np.log(squares) / 2
 
     def _products(self, coefficients: np.ndarray, variances: np.ndarray) -> np.ndarray:
         """Return the whitened table's products with itself, (models, columns, columns), of `of_patterns`."""

@@ -51,12 +51,15 @@ class Neighbourhood:
         Whether it is measured.
     own : numpy.ndarray of int, shape (points,)
         Numbers of the points themselves.
+    stride : int
+        Pixels from a point to the next that counts: the map is as many squared lattices, each for itself.
     """
 
     lags_um: np.ndarray
     index: np.ndarray
     present: np.ndarray
     own: np.ndarray
+    stride: int = 1
 
     @classmethod
     def of(
@@ -89,11 +92,12 @@ class Neighbourhood:
         inner[used] = np.arange(int(used.sum()))
         place = (np.flatnonzero(number >= 0)[:, None]) + offsets @ (number.shape[1], 1)
         index = number.ravel()[place]
-        return cls(offsets * np.array([dy_um, dx_um]), index, index >= 0, np.arange(len(index), dtype=np.int32))
+        lags_um, own = offsets * np.array([dy_um, dx_um]), np.arange(len(index), dtype=np.int32)
+        return cls(lags_um, index, index >= 0, own, stride)
 
     def __getitem__(self, points: np.ndarray) -> Neighbourhood:
         """Return the neighbourhoods of some of the points."""
-        return Neighbourhood(self.lags_um, self.index[points], self.present[points], self.own[points])
+        return Neighbourhood(self.lags_um, self.index[points], self.present[points], self.own[points], self.stride)
 
     @cached_property
     def patterns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
