@@ -1,5 +1,7 @@
 """The noise model, its whitening and its estimate against dense algebra, closed forms and their own draws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -11,8 +13,8 @@ from dlwpredict.infer.recording import prepare
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern, scatter
 from dlwpredict.noise.estimate import estimate
 from dlwpredict.noise.likelihood import model_at
-from dlwpredict.noise.lines import Lines, _gain
-from dlwpredict.noise.unevenness import Ground, Uneven, Unevenness, grown
+from dlwpredict.noise.lines import OFFSET, Lines, _gain, on_lines
+from dlwpredict.noise.unevenness import Evened, Ground, Uneven, Unevenness, grown
 from dlwpredict.noise.whitening import Neighbourhood, Whitener
 from dlwpredict.numerics.interpolation import read_means
 
@@ -340,6 +342,44 @@ def test_what_was_read_between_an_instruments_pixels_keeps_its_noise_far_away(co
         ratios.append(far / np.mean([ndimage.gaussian_filter(one, 4).var() for one in draws]))
     assert 1 / 1.4 < ratios[0] < 1.4
     assert ratios[1] > 1.4 * ratios[0]
+
+
+@pytest.mark.slow
+def test_forms_beside_noise_that_was_read_between_pixels_are_paid_for_once():
+    """A hundred smooth maps take of the noise what one lattice of points shows of it, not what each of four does.
+
+    Else noise looks smoother than it is, and means over 3 µm are thought to vary by 0.6 of what they do.
+    """
+    pitch, own, rng, truth = 0.36, 0.22, np.random.default_rng(9), Noise(0.003, 0.028, 0.9, 0.22, 0.22, smoothness=0.5)
+    target, every = HeightMap(np.zeros((90, 90)), pitch, pitch), np.ones((170, 170), bool)
+    maps = Noise(0, 1, 1.2, pitch, pitch).simulate_many(target.shape, rng, 100)
+    block = np.hypot(*(pitch * np.subtract.outer(line, line) for line in np.mgrid[:8, :8].reshape(2, -1)))
+    ratios = []
+    for seed in range(3):
+        surface = prepared(HeightMap(truth.simulate(every.shape, np.random.default_rng(seed)), own, own), every)
+        laid = resample(surface, every, target, Pose.rigid((0.0, 0.0), 1.5)).heights_um
+        ground = Ground(axes=(0,), read_px=own / pitch)
+        found = estimate(laid, np.ones(laid.shape, bool), (pitch, pitch), maps, ground=ground, seed=1).model.even
+        assert found.smoothness == 0.5
+        ratios.append(found.at(block).mean() / truth.at(block).mean())
+    assert 0.75 < np.mean(ratios) < 1.25
+
+
+def test_lines_are_taken_as_far_as_they_are_likely_to_be_offset():
+    """Of the mean of n points n/(n + σ²/τ²) where noise is white; of two ways each what the other leaves."""
+    rng, used = np.random.default_rng(3), np.ones((6, 8), dtype=bool)
+    members = {(axis, OFFSET): on_lines(used, axis) for axis in (0, 1)}
+    values = rng.normal(size=(48, 2))
+    even = Evened(values[:, 0], values, members, np.zeros(48)).also((0, OFFSET), 0.5, Noise(1.0, 0.0, 1.0, 0.4, 0.4))
+    assert even.ways == {(0, OFFSET): pytest.approx(4.0)}
+    rows = values.reshape(6, 8, 2)
+    expected = rows - 8 / (8 + 4) * rows.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(even.beside_lines(values), expected.reshape(48, 2), atol=1e-9)
+    both = replace(even, ways={(0, OFFSET): 4.0, (1, OFFSET): 3.0})
+    a, b = (members[axis, OFFSET].toarray() for axis in (0, 1))
+    joint, prior = np.hstack([a, b]), np.diag([4.0] * 6 + [3.0] * 8)
+    taken = joint @ np.linalg.solve(joint.T @ joint + prior, joint.T @ values)
+    np.testing.assert_allclose(both.beside_lines(values), values - taken, atol=0.01)
 
 
 def test_whitening_is_undone(holes):

@@ -158,20 +158,21 @@ def _searched(
     """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds."""
     model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
     seen = even.seen(every.whitener(model))
-    while (evened := _more_even(seen)) is not seen.even:
+    while (evened := _more_even(seen, model)) is not seen.even:
         model, place, by_kind = most_likely(Likelihood.of(evened, chosen, model), model, kinds, grains_px)
         seen = evened.seen(every.whitener(model))
     return seen, model, place, by_kind
 
 
-def _more_even(seen: Seen) -> Evened:
+def _more_even(seen: Seen, model: Noise) -> Evened:
     """Look beside the means of rows or columns, then their tilts, whichever are more surely uneven; then on slopes."""
     even = seen.even
     left = [way for way in even.members if way not in even.ways]
     open_ways = [(axis, order) for axis, order in left if order == OFFSET or (axis, OFFSET) in even.ways]
     by_way = {way: seen.lines(way) for way in open_ways}
     if any(unevenness.found for unevenness in by_way.values()):
-        return replace(even, ways=(*even.ways, max(by_way, key=lambda way: by_way[way].gain)))
+        way = max(by_way, key=lambda way: by_way[way].gain)
+        return even.also(way, by_way[way].size, model)
     by_power = {power: seen.jitter(power) for power in POWERS} if not even.growth else {}
     if any(unevenness.found for unevenness in by_power.values()):
         power = max(by_power, key=lambda power: by_power[power].gain)

@@ -178,8 +178,9 @@ class Evened:
     growth, power : float
         k and p of s = (1 + (k·|∇f|)^p)^(1/p), how many times stronger the noise is than on flat ground: everything is
         divided by it.
-    ways : tuple of Way
-        Means or tilts of rows or columns beside which everything is looked at.
+    ways : mapping of Way to float
+        Offsets or tilts of rows or columns beside which everything is looked at; of each, how many points of a line
+        would know it as well as its prior does.
     lean : float
         Of the lines.
     """
@@ -190,7 +191,7 @@ class Evened:
     steep: np.ndarray
     growth: float = 0.0
     power: float = 2.0
-    ways: tuple[Way, ...] = ()
+    ways: Mapping[Way, float] = field(default_factory=dict)
     lean: float = 0.0
 
     @property
@@ -205,14 +206,30 @@ class Evened:
         return self.beside_lines(values)
 
     def beside_lines(self, values: np.ndarray) -> np.ndarray:
-        """Return values (points, columns), divided already, without what the uneven lines may have of them."""
-        for way in self.ways * len(self.ways):
-            lines = self.lines(way)
-            products = lines.T @ lines  # a point lies on one line, or between two
+        """Return values (points, columns), divided already, without what the uneven lines likely have of them.
+
+        Ridge regression: the mean of a line is mostly noise that is correlated along it where the line's own offset is
+        small. Were all of it taken, noise would look as if it were correlated over shorter distances.
+        """
+        lines = {way: self.lines(way) for way in self.ways}
+        taken = {way: np.zeros_like(values) for way in self.ways}
+        for way in list(self.ways) * len(self.ways):
+            left = values - sum(parts for other, parts in taken.items() if other != way)
+            products = lines[way].T @ lines[way]  # a point lies on one line, or between two
             own = products.diagonal()
-            bands = np.stack([np.append(0.0, products.diagonal(1)), own + 1e-9 * own.max(initial=1e-300)])
-            values = values - lines @ linalg.solveh_banded(bands, lines.T @ values)
-        return values
+            prior = self.ways[way] + 1e-9 * own.max(initial=1e-300)
+            bands = np.stack([np.append(0.0, products.diagonal(1)), own + prior])
+            taken[way] = lines[way] @ linalg.solveh_banded(bands, lines[way].T @ left)
+        return values - sum(taken.values())
+
+    def also(self, way: Way, size_um: float, noise: Noise) -> Evened:
+        """Return values beside one more way of being uneven, of this standard deviation, where noise is about so.
+
+        The sum of its covariances along a line over the variance of what is looked for: as many points know it as well.
+        """
+        pitch = noise.dx_um if way[0] == 0 else noise.dy_um
+        along = pitch * np.arange(-len(self.values_um), len(self.values_um) + 1)
+        return replace(self, ways={**self.ways, way: float(noise.at(np.abs(along)).sum()) / size_um**2})
 
     def lines(self, way: Way) -> sparse.csr_array:
         """Return an offset or a tilt of each row or column, made even, shape (points, lines)."""
@@ -226,7 +243,8 @@ class Evened:
 
     def line_noise(self, near: sparse.csr_array, axis: int) -> tuple[Lines, Unevenness]:
         """Estimate the offsets and tilts of rows or columns, and how sure they are, beside all other ways."""
-        others = {way: tuple(known for known in self.ways if known != way) for way in ((axis, OFFSET), (axis, TILT))}
+        both = (axis, OFFSET), (axis, TILT)
+        others = {way: {known: prior for known, prior in self.ways.items() if known != way} for way in both}
         offsets = replace(self, ways=others[axis, OFFSET]).seen(near)
         independent = offsets.lines((axis, OFFSET))
         if not independent.found:
