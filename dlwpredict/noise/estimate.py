@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES, most_likely
@@ -157,16 +157,17 @@ def _searched(
 ) -> tuple[Seen, Noise, np.ndarray, dict[float, float]]:
     """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds."""
     model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
-    seen = even.seen(every.whitener(model))
-    while (evened := _more_even(seen, model)) is not seen.even:
-        model, place, by_kind = most_likely(Likelihood.of(evened, chosen, model), model, kinds, grains_px)
-        seen = evened.seen(every.whitener(model))
-    return seen, model, place, by_kind
+    near = every.whitener(model)
+    while (evened := _more_even(even, near, model)) is not even:
+        even = evened
+        model, place, by_kind = most_likely(Likelihood.of(even, chosen, model), model, kinds, grains_px)
+        near = every.whitener(model)
+    return even.seen(near), model, place, by_kind
 
 
-def _more_even(seen: Seen, model: Noise) -> Evened:
+def _more_even(even: Evened, near: sparse.csr_array, model: Noise) -> Evened:
     """Look beside the means of rows or columns, then their tilts, whichever are more surely uneven; then on slopes."""
-    even = seen.even
+    seen = even.beside_all_of(even.ways).seen(near)
     left = [way for way in even.members if way not in even.ways]
     open_ways = [(axis, order) for axis, order in left if order == OFFSET or (axis, OFFSET) in even.ways]
     by_way = {way: seen.lines(way) for way in open_ways}

@@ -6,7 +6,7 @@ as strong on slopes is what stands out there; free forms, ripples and names then
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -231,6 +231,13 @@ class Evened:
         along = pitch * np.arange(-len(self.values_um), len(self.values_um) + 1)
         return replace(self, ways={**self.ways, way: float(noise.at(np.abs(along)).sum()) / size_um**2})
 
+    def beside_all_of(self, ways: Iterable[Way]) -> Evened:
+        """Return values beside all that lines may have in these ways, likely or not: what is left is no offset."""
+        return replace(self, ways=dict.fromkeys(ways, 0.0))
+
+    def _beside_others(self, way: Way) -> Evened:
+        return self.beside_all_of(known for known in self.ways if known != way)
+
     def lines(self, way: Way) -> sparse.csr_array:
         """Return an offset or a tilt of each row or column, made even, shape (points, lines)."""
         return sparse.csr_array(sparse.diags_array(1 / self.scale) @ self.members[way])
@@ -243,15 +250,13 @@ class Evened:
 
     def line_noise(self, near: sparse.csr_array, axis: int) -> tuple[Lines, Unevenness]:
         """Estimate the offsets and tilts of rows or columns, and how sure they are, beside all other ways."""
-        both = (axis, OFFSET), (axis, TILT)
-        others = {way: {known: prior for known, prior in self.ways.items() if known != way} for way in both}
-        offsets = replace(self, ways=others[axis, OFFSET]).seen(near)
+        offsets = self._beside_others((axis, OFFSET)).seen(near)
         independent = offsets.lines((axis, OFFSET))
         if not independent.found:
             return Lines(), independent
         process = likeliest(*offsets.products((axis, OFFSET)), independent.found, self.lean)
         if (axis, TILT) in self.ways:
-            tilts = replace(self, ways=others[axis, TILT]).seen(near).lines((axis, TILT))
+            tilts = self._beside_others((axis, TILT)).seen(near).lines((axis, TILT))
             process = replace(process, tilt_um=tilts.found)
         return process, independent
 
