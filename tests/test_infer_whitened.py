@@ -134,6 +134,19 @@ class TestNuisances:
         assert here.cost == pytest.approx(there.cost + prior, rel=1e-6)
         assert here.residual @ here.residual < 0.9 * there.cost
 
+    def test_nuisances_are_those_of_dense_least_squares_with_a_row_for_each_prior(self):
+        target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
+        heights = predict(target, ParameterSet()).heights_um
+        noise = NOISE.simulate(target.shape, np.random.default_rng(4))
+        item = replace(item_of(target, target.with_heights(heights + noise)), shift_um=(0.1, -0.05))
+        columns, sds = item.white(item.nuisance_maps(heights)), [NUISANCES[name][1] for name in item.nuisances]
+        known = np.isfinite(sds)
+        rows = np.diag(1 / np.array(sds))[known]
+        stacked = np.vstack([columns, rows])
+        goal = np.concatenate([item.residual(heights), -rows @ item.known()])
+        expected = np.linalg.lstsq(stacked, goal, rcond=None)[0]
+        np.testing.assert_allclose(nuisances_fitted(item, heights).coefficients, expected, rtol=1e-5, atol=1e-9)
+
     @pytest.mark.parametrize("start_um", [-1.2, -0.8, 0.6])
     def test_registration_never_leads_uphill(self, start_um):
         """Of stairs with treads of six pixels hardly a point counts beside the part, and a linear step means little."""
