@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, fittable, with_values
 from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.trace import trace
-from dlwpredict.numerics.smoothing import mean_taps
+from dlwpredict.numerics.smoothing import means_over
 from dlwpredict.parameters import ParameterSet
 
 NORMAL = 1.96
@@ -78,9 +77,7 @@ def _read(fitted: Fit) -> np.ndarray | None:
         return None
     changes = []
     for item, known in zip(fitted.data, fitted.traces, strict=True):
-        taps, mean = mean_taps(item.recording.read_px), known.heights_um
-        for axis in (0, 1):
-            mean = ndimage.correlate1d(mean, taps, axis=axis, mode="nearest")
+        mean = means_over(known.heights_um, item.recording.read_px)
         changes.append(np.nan_to_num(mean - known.heights_um)[None])
     return np.sqrt(1 / 3) * fitted.seen_in_all(changes)[:, 0]
 

@@ -97,7 +97,7 @@ class Recording:
 
     @property
     def read_px(self) -> float:
-        """Pitch of an instrument's pixels between which the map was read, in its own; 0: they are the instrument's."""
+        """Pitch of the instrument's pixels between which a map was read, in pixels of the map; 0: they are the same."""
         return (self.measured.instrument.pitch_um or 0.0) / float(np.sqrt(self.target.dx_um * self.target.dy_um))
 
     def on_map(self, values: np.ndarray) -> np.ndarray:

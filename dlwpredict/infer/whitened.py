@@ -18,7 +18,7 @@ from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
 from dlwpredict.numerics.interpolation import DIFFERENCES, moved_along
-from dlwpredict.numerics.smoothing import mean_taps
+from dlwpredict.numerics.smoothing import means_over
 
 STEEPEST = 3.0
 """Slope beyond which a pixel's is that of a wall, and says nothing more."""
@@ -117,10 +117,7 @@ class Whitened:
 
     def _means(self, maps_um: np.ndarray) -> np.ndarray:
         """Return maps (..., rows, cols) as means over the squares over which the recording's heights are means."""
-        if self.recording.width_px:
-            for axis in (-2, -1):
-                maps_um = ndimage.correlate1d(maps_um, mean_taps(self.recording.width_px), axis=axis, mode="nearest")
-        return maps_um
+        return means_over(maps_um, self.recording.width_px)
 
     def _shifted(self, maps_um: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return means of maps (..., rows, cols) where registration has put them, and their slopes; no wall is read."""

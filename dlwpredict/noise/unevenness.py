@@ -211,16 +211,19 @@ class Evened:
         Ridge regression: the mean of a line is mostly noise that is correlated along it where the line's own offset is
         small. Were all of it taken, noise would look as if it were correlated over shorter distances.
         """
-        lines = {way: self.lines(way) for way in self.ways}
-        taken = {way: np.zeros_like(values) for way in self.ways}
-        for way in list(self.ways) * len(self.ways):
-            left = values - sum(parts for other, parts in taken.items() if other != way)
-            products = lines[way].T @ lines[way]  # a point lies on one line, or between two
+        left, taken, known = values, dict.fromkeys(self.ways, 0.0), {}
+        for way, points in self.ways.items():
+            lines = self.lines(way)
+            products = lines.T @ lines  # a point lies on one line, or between two
             own = products.diagonal()
-            prior = self.ways[way] + 1e-9 * own.max(initial=1e-300)
-            bands = np.stack([np.append(0.0, products.diagonal(1)), own + prior])
-            taken[way] = lines[way] @ linalg.solveh_banded(bands, lines[way].T @ left)
-        return values - sum(taken.values())
+            prior = points + 1e-9 * own.max(initial=1e-300)
+            known[way] = lines, np.stack([np.append(0.0, products.diagonal(1)), own + prior])
+        for way in list(self.ways) * len(self.ways):
+            lines, bands = known[way]
+            left = left + taken[way]
+            taken[way] = lines @ linalg.solveh_banded(bands, lines.T @ left)
+            left = left - taken[way]
+        return left
 
     def also(self, way: Way, size_um: float, noise: Noise) -> Evened:
         """Return values beside one more way of being uneven, of this standard deviation, where noise is about so.

@@ -102,6 +102,13 @@ def mean_taps(width_px: float) -> np.ndarray:
     return np.array([0.0, 0, 1, 0, 0]) + second * bends[0] + fourth * bends[1]
 
 
+def means_over(maps: np.ndarray, width_px: float) -> np.ndarray:
+    """Return maps (..., rows, cols) as means over squares of this side; beyond the rim the last pixel goes on."""
+    for axis in (-2, -1) if width_px else ():
+        maps = scipy.ndimage.correlate1d(maps, mean_taps(width_px), axis=axis, mode="nearest")
+    return maps
+
+
 @lru_cache(maxsize=256)
 def gaussian_taps(sigma_px: float) -> np.ndarray:
     """Return a sampled Gaussian of sum 1 whose variance over the pixels is exactly sigma_px².
