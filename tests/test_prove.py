@@ -553,6 +553,27 @@ def test_the_page_tells_what_was_opened_before_the_rest_was_asked(tmp_path):
     assert prove.opened_before(tmp_path, ["a", "b", "c"], "code") == 1  # and stays so
 
 
+def test_more_cases_join_those_of_an_earlier_report(tmp_path):
+    """Of the same seed, makers, program and judge; no case twice."""
+    seal_a = {"seed": 1, "makers": "m", "code": "c", "jobs": [["null", 0]], "cases": {"a": {}}, "opened_before": 0}
+    seal_b = {**seal_a, "jobs": [["null", 1]], "cases": {"b": {}}}
+    (tmp_path / "seal.json").write_text(json.dumps(seal_a))
+    (tmp_path / "cases.json").write_text(json.dumps({"cases": [{"name": "a", "judge": judge.JUDGE}]}))
+    results, union = prove.joined(tmp_path, [{"name": "b"}], seal_b)
+    assert [one["name"] for one in results] == ["a", "b"]
+    assert union == {
+        **seal_a, "jobs": [["null", 0], ["null", 1]], "cases": {"a": {}, "b": {}}, "opened_before": 1
+    }  # fmt: skip
+    for key in ("seed", "makers", "code"):
+        with pytest.raises(ValueError, match=f": {key}: is "):
+            prove.joined(tmp_path, [], {**seal_b, key: "other"})
+    with pytest.raises(ValueError, match="a was sealed in the run as well"):
+        prove.joined(tmp_path, [], seal_a)
+    (tmp_path / "cases.json").write_text(json.dumps({"cases": [{"name": "a", "judge": "other"}]}))
+    with pytest.raises(ValueError, match=": judge: is other"):
+        prove.joined(tmp_path, [], seal_b)
+
+
 @pytest.mark.slow
 def test_on_a_part_that_lies_turned_a_wall_reaches_no_point_that_counts():
     """What a microscope makes of walls 6 µm high is there beside them, and 0 elsewhere: no reading rings."""

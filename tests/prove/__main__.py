@@ -4,7 +4,8 @@ python -m tests.prove RUN_DIR --seed final --report sample_data/proof     what `
 python -m tests.prove RUN_DIR --quick                                      what `make prove-quick` does
 
 Everything is kept in RUN_DIR case by case, so that an interrupted run goes on where it stopped; answers of another
-state of the program are asked for again.
+state of the program are asked for again. More cases of the same seed, asked of the same state of the program, join
+those of an earlier report: --skip 75 --cases 75 --join sample_data/proof.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -24,7 +25,7 @@ from pathlib import Path
 
 from dlwpredict.files.atomic import write_text
 from tests.prove.answer import answered, ask, code_sha256
-from tests.prove.judge import judged
+from tests.prove.judge import JUDGE, judged
 from tests.prove.mix import DEVELOPMENT_SEED, FINAL_SEED, FULL, QUICK, listed
 from tests.prove.page import publish
 from tests.prove.sealed import Folder, seal, seals
@@ -131,6 +132,31 @@ def opened_before(folder: Path, names: Sequence[str], code: str) -> int:
     return known.get(code, 0)
 
 
+def joined(report: Path, results: Sequence[dict], seal_of: Mapping) -> tuple[list[dict], dict]:
+    """Return the results of an earlier report with those of a run, and what was sealed for both.
+
+    Raises
+    ------
+    ValueError
+        The report is of other cases, another state of the program or another judge; or a case stands in both.
+    """
+    seal_before = json.loads((report / "seal.json").read_text())
+    before = json.loads((report / "cases.json").read_text())["cases"]
+    for key in ("seed", "makers", "code"):
+        if seal_before[key] != seal_of[key]:
+            raise ValueError(f"{report}: {key}: is {seal_before[key]}, that of the run {seal_of[key]}")
+    if judges := {one["judge"] for one in before} - {JUDGE}:
+        raise ValueError(f"{report}: judge: is {judges.pop()}, that of the run {JUDGE}")
+    if twice := seal_before["cases"].keys() & seal_of["cases"].keys():
+        raise ValueError(f"{report}: cases: {min(twice)} was sealed in the run as well; choose others with --skip")
+    union = {
+        "jobs": [*seal_before["jobs"], *seal_of["jobs"]],
+        "cases": {**seal_before["cases"], **seal_of["cases"]},
+        "opened_before": len(before) + seal_of["opened_before"],
+    }
+    return [*before, *results], {**seal_of, **union}
+
+
 def _asked(folder: Path, last: float, name: str, code: str) -> dict | None:
     return ask(folder, name, code) if time.monotonic() < last or answered(folder, name, code) else None
 
@@ -144,21 +170,26 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--report", type=Path, help="folder of the result; RUN_DIR/report without")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--cases", type=int, help="so many cases, the kinds in proportion; all without")
+    parser.add_argument("--skip", type=int, default=0, help="after so many that are left out")
+    parser.add_argument("--join", type=Path, metavar="REPORT", help="publish them with the cases of an earlier report")
     parser.add_argument("--minutes", type=float, default=math.inf, help="ask nothing more after so long")
     chosen = parser.parse_args(words)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes started below
     started, report = time.monotonic(), chosen.report or chosen.folder / "report"
     mix, every = (QUICK, EVERY_QUICK) if chosen.quick else (FULL, EVERY)
-    jobs = list(listed(mix))[: chosen.cases]
+    jobs = list(listed(mix))[chosen.skip :][: chosen.cases]
     try:
         results, seal_of = prove(
             chosen.folder, SEEDS[chosen.seed], jobs, every=every, processes=chosen.processes, minutes=chosen.minutes
         )
+        if chosen.join:
+            results, seal_of = joined(chosen.join, results, seal_of)
     except ValueError as fault:
         print(f"error: {fault}", file=sys.stderr)
         return 1
     command = "make prove" if chosen.seed == "final" and not chosen.quick else "make prove-quick"
-    command += f" with --cases {chosen.cases}" if chosen.cases else ""
+    asked = len(seal_of["cases"])
+    command += f" with --cases {asked}" if asked < sum(mix.values()) else ""
     publish(report, results, seal_of, command=command, every=every)
     print(f"{report / 'README.md'}: {len(results)} cases, {(time.monotonic() - started) / 60:.1f} minutes")
     return 0
