@@ -517,7 +517,7 @@ def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp
     """The program is played by a stand-in that finds nothing; everything else is real."""
     asked, really = [], answer._run
 
-    def stand_in(command, where):
+    def stand_in(command, where, longest_s=None):
         if "align" in command:
             return really(command, where)
         asked.append(where.name)

@@ -20,6 +20,9 @@ import dlwpredict
 from dlwpredict.files.atomic import write_text
 from tests.prove.sealed import Folder
 
+PROGRAM = Path(sys.executable)
+"""Interpreter of the program that is asked."""
+
 LONGEST_S, WALL = 900.0, 4.0
 """A command that takes more CPU seconds has failed, or so many times as long by the clock: cores may be shared."""
 
@@ -49,7 +52,7 @@ def ask(folder: Path, name: str, code: str) -> dict:
     pairs = len(list(place.data(name).glob("target_*.tif")))
     answer = {"code": code, **_aligned(place, name, pairs)}
     if answer["status"] == 0:
-        answer |= _diagnosed(place, name, pairs)
+        answer |= diagnosed(place, name)
     write_text(kept, json.dumps(answer, indent=1) + "\n")
     return answer
 
@@ -68,8 +71,9 @@ def _aligned(place: Folder, name: str, pairs: int) -> dict:
     return told
 
 
-def _diagnosed(place: Folder, name: str, pairs: int) -> dict:
-    """Have a case diagnosed."""
+def diagnosed(place: Folder, name: str, program: Path = PROGRAM, longest_s: float = LONGEST_S) -> dict:
+    """Have a case whose recordings lie on their targets diagnosed, by the program of some interpreter."""
+    pairs = len(list(place.data(name).glob("target_*.tif")))
     recordings = [place.recording(name, k).absolute() for k in range(pairs)]
     words = [word for k in range(pairs) for word in ("--pair", f"target_{k}.tif", str(recordings[k]))]
     if (further := place.data(name) / "words.json").exists():
@@ -78,22 +82,22 @@ def _diagnosed(place: Folder, name: str, pairs: int) -> dict:
         said, process = Path(out, "diagnosis.yaml"), Path(out, "extended.yaml")
         words += ["-o", str(said), "--params-out", str(process), "--no-advice", "--jobs", "1", "--quiet"]
         started = time.perf_counter()
-        status, complaint, cpu_s = _run(_command(["diagnose", *words]), place.data(name))
+        status, complaint, cpu_s = _run(_command(["diagnose", *words], program), place.data(name), longest_s)
         told = {"seconds": time.perf_counter() - started, "cpu_s": cpu_s, "status": status, "complaint": complaint}
         return told | ({"diagnosis": _loaded(said), "extended": _loaded(process)} if status == 0 else {})
 
 
-def _command(words: list[str]) -> list[str]:
-    return [sys.executable, "-c", "from dlwpredict.cli import main; main()", *words]
+def _command(words: list[str], program: Path = PROGRAM) -> list[str]:
+    return [str(program), "-c", "from dlwpredict.cli import main; main()", *words]
 
 
-def _run(command: list[str], where: Path) -> tuple[int, str, float]:
+def _run(command: list[str], where: Path, longest_s: float = LONGEST_S) -> tuple[int, str, float]:
     """Return exit status, complaint, and the CPU seconds of a command and all its processes."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryFile() as told:
         process = subprocess.Popen(command, cwd=where, env=environment, stdout=subprocess.DEVNULL, stderr=told)
-        resource.prlimit(process.pid, resource.RLIMIT_CPU, (int(LONGEST_S), int(LONGEST_S)))
-        overdue = threading.Timer(WALL * LONGEST_S, process.kill)
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (int(longest_s), int(longest_s)))
+        overdue = threading.Timer(WALL * longest_s, process.kill)
         overdue.start()
         _, waited, used = os.wait4(process.pid, 0)
         late, process.returncode = not overdue.is_alive(), os.waitstatus_to_exitcode(waited)
@@ -102,7 +106,7 @@ def _run(command: list[str], where: Path) -> tuple[int, str, float]:
         lines = told.read().decode(errors="replace").strip().splitlines()
     cpu_s = used.ru_utime + used.ru_stime
     if late or -process.returncode in (signal.SIGXCPU, signal.SIGKILL):
-        return -1, f"took longer than {LONGEST_S:.0f} s", cpu_s
+        return -1, f"took longer than {longest_s:.0f} s", cpu_s
     return process.returncode, (lines or [""])[-1] if process.returncode else "", cpu_s
 
 
