@@ -460,6 +460,28 @@ class TestSearch:
             found.fitted[frozenset(CURL + FIELD)].parameters = replace(pair, effects=effects)
             assert len(found.near(found.best())) == near
 
+    def test_its_reduced_model_is_the_smaller_set(self):
+        """Of curl and a field's sag, curl is nothing: without the sag nothing is left, and that is the baseline."""
+        found, begun = search({FIELD: 100.0, CURL + FIELD: 101.0}), []
+
+        def free(parameters):
+            return SimpleNamespace(names=[effect.name for effect in parameters.effects], base=parameters)
+
+        def contest(models):
+            begun.extend(found.names(own[0].parameters) for own in models)
+            return {key_of(free(own[0].parameters)): found.fitted[begun[-1]] for own in models}
+
+        found.fitter = SimpleNamespace(
+            free=free, settled=lambda fit: False, reopened=lambda start: True, contest=contest, settle=lambda fits: fits
+        )
+        both = frozenset(CURL + FIELD)
+        pair = found.fitted[both].parameters
+        off = tuple(replace(one, rise_um=0.0) if one.name == "curl" else one for one in pair.effects)
+        found.fitted[both].parameters = replace(pair, effects=off)
+        assert Search.without(found, both, "field-curvature") is found.fitted[frozenset()]
+        assert Search.without(found, both, "curl") is found.fitted[frozenset(FIELD)]
+        assert begun == [frozenset(), frozenset(FIELD)]
+
     def test_the_quick_fit_of_a_first_effect_may_fall_short(self):
         """By a share of the gain: at 1000, 699 is not near, 701 is."""
         found = search({CURL: 1000.0, FIELD: 699.0, DARK: 701.0})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -139,13 +139,10 @@ class Search:
         here, gain = self.fitted[best].cost, self.baseline.cost - self.fitted[best].cost
         limit = here + max(self.width_of_set(best), policy.SHORT * gain if len(best) == 1 else 0.0)
         reduced = [best - {name} for name in sorted(best)]
-        others = [names for names in self.fitted if names != best and self._whole(names)]
+        others = [names for names in self.fitted if names != best]
         near = [names for names in others if self.fitted[names].cost <= limit or names in reduced]
-        return [self._start(names) for names in (best, *near)]
-
-    def _whole(self, names: Names) -> bool:
-        """Tell whether every effect of a set came out on: without one that is off it is the smaller set."""
-        return all(switched(effect_of(self.fitted[names].parameters, name)) for name in names)
+        starts = [self._start(names) for names in (best, *near)]
+        return [start for start in starts if self._on(start) is start]  # others are those of a smaller set
 
     def _start(self, names: Names) -> Start:
         """Return a set as it was fitted, as a start."""
@@ -255,10 +252,10 @@ class Search:
         It is begun where the set was fitted, whatever other quick fit of it there is: that may be far above its best,
         and the effect would seem to gain what is only missing there.
         """
-        fewer = names - {name}
+        start = self._on(Start(lacking(self.fitted[names].parameters, [name]), self.fitted[names]))
+        fewer = self.names(start.parameters)
         if (names, name) not in self.reduced and not (fewer in self.fitted and self._settled(fewer)):
             self.reduced.add((names, name))
-            start = Start(lacking(self.fitted[names].parameters, [name]), self.fitted[names])
             if fewer not in self.fitted or self.fitter.reopened(start):
                 self._refit([start])
         self._settle(names, [fewer])
@@ -323,11 +320,17 @@ class Search:
     def _refit(self, starts: Iterable[Start]) -> None:
         """Refit models quickly; the same effects by other switches are another model."""
         models: dict[Key, list[Start]] = defaultdict(list)
-        for start in starts:
+        for start in map(self._on, starts):
             models[key_of(self.fitter.free(start.parameters))].append(start)
         fits = list(self.fitter.contest(list(models.values())).values())
         self._keep(fits)
         self._keep(self.fitter.settle([fit for fit in fits if self._may_replace(fit)]))
+
+    def _on(self, start: Start) -> Start:
+        """Return a start without the effects that a fit has put to nothing: it is one of the smaller set."""
+        named = self.names(start.parameters)
+        off = [name for name in sorted(named) if not switched(effect_of(start.parameters, name))]
+        return replace(start, parameters=lacking(start.parameters, off)) if off else start
 
     def _may_replace(self, fit: Fit) -> bool:
         """Tell whether a quick fit by other switches promises to be better than the set as it is known."""
