@@ -83,6 +83,18 @@ def test_what_no_spread_of_reaches_makes_stands_whole(part):
     assert standing(model, ["astigmatism"], objective)["astigmatism"] > 0.9
 
 
+@pytest.mark.parametrize(("share", "stands"), [(0.5, False), (0.02, True)])
+def test_no_process_is_as_wrong_as_a_strong_effect_would_have_it(part, monkeypatch, share, stands):
+    """A doubt like the effect explains it at 2 standard deviations, and would at 50, where none is so far off."""
+    turned = replace(TRUTH, effects=(library()["astigmatism"](log_ratio=0.2),))
+    shown = predict(part, turned).heights_um
+    model, objective = model_of(part, shown, turned)
+    alike = share * (shown - predict(part, TRUTH).heights_um)
+    monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [alike[np.newaxis]])
+    share_of_gain = standing(model, ["astigmatism"], objective)["astigmatism"]
+    assert share_of_gain > 0.7 if stands else share_of_gain == 0.0
+
+
 @pytest.mark.slow
 def test_radicals_that_reach_farther_than_a_gaussian_are_no_effect():
     """The press's tails of cross-linking were named vignetting with a curved focal surface."""

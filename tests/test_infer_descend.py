@@ -204,13 +204,25 @@ class TestFitter:
         )
         monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
         monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: fit(start.cost))
-        monkeypatch.setattr(fitting, "_hurried", lambda o, begun: hurried.append(begun.cost) or fit(begun.cost - 1))
+        monkeypatch.setattr(
+            fitting, "_hurried", lambda o, begun, like: hurried.append(begun.cost) or fit(begun.cost - 1)
+        )
         objective = SimpleNamespace(differentiated=lambda fit: fit, work=SimpleNamespace(predictions=0.0))
         starts = [SimpleNamespace(cost=cost, parent=None) for cost in (30.0, 20.0)]
         found, _ = fitting._quick(objective, None, starts)
         assert found.cost == 19 - renewed
         assert found.promise == promises[-1], "what it still promised is kept"
         assert hurried == [30, 20, 19, 18][: 2 + renewed], "of several starts the lowest goes on"
+
+    def test_a_quick_fit_goes_on_past_the_end_of_a_range_that_nature_does_not_end(self, air):
+        """Beside the axis at 0° begins what lies at -25°, which is 65° with the axes exchanged."""
+        kind = library()["astigmatism"]
+        turned, begun = (replace(TRUTH, effects=(kind(*one),)) for one in ((-0.3, 65.0), (0.2, 1.0)))
+        objective = objective_of(air, predict(air, turned))
+        free = choose(TRUTH, free=KAPPAS)
+        (found,) = Fitter(objective, free).contest([[Start(begun)]]).values()
+        (effect,) = found.parameters.effects
+        assert effect.log_ratio == pytest.approx(-0.3, abs=0.03) and effect.angle_deg == pytest.approx(65, abs=3)
 
     def test_only_what_is_asked_for_is_converged(self, monkeypatch):
         costs, converged = {"shrinkage_min": 9.0, "shrinkage_max": 8.0, "threshold": 60.0}, []

@@ -79,6 +79,10 @@ SPREAD, HELD = 0.25, 0.1
 stands for, as a share of it; and of κ_min from the base of a part to its top. At the detection limit they are hardly
 narrower than none at all: other values move little."""
 
+POSSIBLE = 3.0
+"""Standard deviations that a doubt is wrong by at most: cross-linking that reaches half as far again or less. Beside an
+effect four times as strong as its limit doubts of 16 explained as much as the effect."""
+
 UNDOUBTED = 0.6
 """What an error of the process's form leaves beside these doubts, as a share of what they explain. Of what calibration
 leaves of the press's errors of form they hold 0.76 in the median of 24 cases, 0.58 or more in nine of ten, and once

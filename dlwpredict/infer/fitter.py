@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -167,24 +168,25 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
     what is new in the first start is put beside the parent as it was, with derivatives of its own. And one that stops
     where its tangent still promises something takes them anew: what is far from its parent is no worse for that.
     """
-    found = [_hurried(objective, _begun(objective, start, like)) for start in starts]
+    found = [_hurried(objective, _begun(objective, start, like), like) for start in starts]
     best, parent = min(found, key=lambda one: one.cost), starts[0].parent
     if parent is not None and starts[0].held and best.cost > parent.cost:
         known = dict(zip(parent.free.names, parent.vector, strict=True))
         values = zip(best.free.names, best.free.values(starts[0].parameters), strict=True)
         vector = best.free.allowed(np.array([known.get(name, value) for name, value in values]))
         begun = objective.differentiated(objective.at(best.free, vector, parent))
-        best = min(best, _hurried(objective, begun), key=lambda one: one.cost)
+        best = min(best, _hurried(objective, begun, like), key=lambda one: one.cost)
     best, renewed = replace(best, promise=promised(best)), 0
     while best.promise >= QUICK_GAIN and renewed < RENEWED:
-        best, renewed = _hurried(objective, objective.differentiated(best)), renewed + 1
+        best, renewed = _hurried(objective, objective.differentiated(best), like), renewed + 1
         best = replace(best, promise=promised(best))
     return best, objective.work.predictions
 
 
-def _hurried(objective: Objective, begun: Fit) -> Fit:
-    """Return where a few steps lead with the derivatives that a fit has."""
-    return descend(objective, begun, secant=True, steps=QUICK_STEPS, gain=QUICK_GAIN)
+def _hurried(objective: Objective, begun: Fit, like: Free) -> Fit:
+    """Return where a few steps lead with the derivatives that a fit has, past ends of ranges as well."""
+    go = partial(descend, objective, secant=True, steps=QUICK_STEPS, gain=QUICK_GAIN)
+    return _elsewhere(objective, go(begun), like, go)
 
 
 def _begun(objective: Objective, start: Start, like: Free) -> Fit:
@@ -231,17 +233,18 @@ def _leads_to(found: Fit, other: Fit) -> bool:
 
 def _converged(objective: Objective, fit: Fit, like: Free) -> Fit:
     """Descend with derivatives taken anew, past the ends of ranges that nature does not end."""
-    return _elsewhere(objective, descend(objective, objective.differentiated(fit)), like)
+    go = partial(descend, objective)
+    return _elsewhere(objective, go(objective.differentiated(fit)), like, go)
 
 
-def _elsewhere(objective: Objective, found: Fit, like: Free) -> Fit:
+def _elsewhere(objective: Objective, found: Fit, like: Free, go: Callable[[Fit], Fit]) -> Fit:
     """Go on from the other end where an effect has come to the end of a range that nature does not end."""
     effects = tuple(effect.elsewhere() for effect in found.parameters.effects)
     if effects == found.parameters.effects:
         return found
     free = moving(replace(found.parameters, effects=effects), like)
     other = objective.differentiated(objective.at(free, free.start, found))
-    return min(found, descend(objective, other), key=lambda one: one.cost)
+    return min(found, go(other), key=lambda one: one.cost)
 
 
 def far_widths(free: Free, vector: np.ndarray) -> dict[str, float]:

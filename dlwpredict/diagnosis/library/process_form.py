@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import linalg
+from scipy.optimize import lsq_linear
 
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.library.score import Beside, process_of
@@ -96,10 +98,16 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
 
 
 def _left(residual: np.ndarray, columns: np.ndarray, doubted: np.ndarray) -> float:
-    """Return −2 ln L beside columns of any strength and doubted ones of strengths with standard deviation 1."""
+    """Return −2 ln L beside columns of any strength and doubted ones as strong as they may be.
+
+    Their strengths have a standard deviation of 1, and none is larger than `policy.POSSIBLE`: a strong effect would
+    have them at any size, where no process is that wrong.
+    """
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    matrix = np.column_stack([columns / sizes, doubted])
-    products, raw = matrix.T @ matrix, matrix.T @ residual
-    known = np.arange(len(raw)) >= len(sizes)
-    inverse = np.linalg.pinv(products + np.diag(known * 1.0), rcond=1e-9, hermitian=True)
-    return float(residual @ residual - raw @ inverse @ raw)
+    basis = linalg.orth(columns / sizes, rcond=1e-5) if columns.size else columns
+    rest, doubts = residual - basis @ (basis.T @ residual), doubted - basis @ (basis.T @ doubted)
+    known = np.eye(doubts.shape[1])
+    if not known.size:
+        return float(rest @ rest)
+    ends = np.concatenate([rest, np.zeros(len(known))])
+    return 2 * float(lsq_linear(np.vstack([doubts, known]), ends, (-policy.POSSIBLE, policy.POSSIBLE)).cost)
