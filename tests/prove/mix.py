@@ -23,7 +23,7 @@ QUICK = {"null": 5, "single": 6, "pair": 2, "outside": 3, "absorbed": 2, "measur
 WEAKEST, STRONGEST = 0.3, 5.0
 """Strengths are drawn between these multiples of the detection limit, uniform in the logarithm."""
 
-CLEAR, SPARE = 1.5, 4
+CLEAR, SPARE = 1.5, 8
 """In every second pair both effects are to reach this multiple; where one cannot, or is twice the strongest at whatever
 value was tried, another takes its place, of so many that are drawn besides."""
 
