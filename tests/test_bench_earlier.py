@@ -55,3 +55,11 @@ def test_an_answer_on_file_is_not_asked_for_again_and_one_that_took_too_long_cou
     assert rows["then: answered within 300 CPU s"]["hit"] == 0
     assert rows["CPU seconds, median: then, at most 300"]["value"] == 300.0
     assert json.dumps(table) and rows["every case: answered as well as it can be: today"]["count"] == 0
+
+
+def test_a_case_that_align_could_not_lay_on_its_target_is_not_asked(tmp_path):
+    """It would count as one that the earlier state had no answer to."""
+    for place in ("data/a/target_0.tif", "data/a/raw_0.tif", "data/b/target_0.tif", "data/b/recording_0.tif"):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place).touch()
+    assert [earlier.laid(tmp_path, name) for name in "ab"] == [False, True]

@@ -25,23 +25,17 @@ from scipy import stats
 from dlwpredict import __version__
 from dlwpredict.files.atomic import write_text
 from tests.bench.competitors import opened
-from tests.prove.answer import diagnosed
+from tests.prove.answer import diagnosed, pairs_of
 from tests.prove.judge import said, scored
 from tests.prove.mix import CLEAR
 from tests.prove.page import right
 from tests.prove.sealed import Folder
-from tests.prove.table import STRONG_Z, Row, counted
+from tests.prove.table import STRONG_Z, Row, counted, strongest, weakest
 
 LONGEST_S = 300.0
 """A bench waits no longer."""
 
 Told = Mapping[str, Any]
-
-
-def strongest_and_weakest(told: Told) -> tuple[float, float]:
-    """Return the strengths of a case's strongest and weakest effect in multiples of their detection limits."""
-    times = [one["times"] for one in told["truth"]["effects"]]
-    return max(times, default=0.0), min(times, default=0.0)
 
 
 def of_kind(kind: str, least: Callable[[Told], bool] = lambda told: True) -> Callable[[Told], bool]:
@@ -53,15 +47,15 @@ QUESTIONS: dict[str, tuple[Callable[[Told], bool], Callable[[Told], bool]]] = {
     "nothing in it: nothing said": (of_kind("null"), lambda told: told["verdict"] == "none"),
     "nothing in it: nothing named": (of_kind("null"), lambda told: not told["findings"]),
     "one effect, from twice its limit on: heard": (
-        of_kind("single", lambda told: strongest_and_weakest(told)[0] >= 2),
+        of_kind("single", lambda told: strongest(told) >= 2),
         lambda told: told["detected"],
     ),
     "one effect, from twice its limit on: in a named class": (
-        of_kind("single", lambda told: strongest_and_weakest(told)[0] >= 2),
+        of_kind("single", lambda told: strongest(told) >= 2),
         lambda told: any(told["held"]),
     ),
     "two effects, both from 1.5 times their limits on: both in named classes": (
-        of_kind("pair", lambda told: strongest_and_weakest(told)[1] >= CLEAR),
+        of_kind("pair", lambda told: weakest(told) >= CLEAR),
         lambda told: all(told["held"]),
     ),
     "outside the library, from SNR 10 on: unexplained": (
@@ -80,6 +74,12 @@ def asked(folder: Path, program: Path, name: str, longest_s: float = LONGEST_S) 
         kept.parent.mkdir(exist_ok=True)
         write_text(kept, json.dumps(diagnosed(Folder(folder), name, program, longest_s), indent=1) + "\n")
     return json.loads(kept.read_text())
+
+
+def laid(folder: Path, name: str) -> bool:
+    """Tell whether all recordings of a case lie on their targets: where `align` has failed nothing can be asked."""
+    place = Folder(folder)
+    return all(place.recording(name, k).exists() for k in pairs_of(place, name))
 
 
 def judged(result: Told, answer: Told) -> dict[str, Any] | None:
@@ -145,7 +145,7 @@ def main(words: Iterable[str] | None = None) -> int:
     parser.add_argument("--report", type=Path, help="the JSON; RUN_DIR/earlier.json without")
     chosen = parser.parse_args(None if words is None else list(words))
     last = time.monotonic() + 60 * chosen.minutes
-    results = opened(chosen.folder)
+    results = [one for one in opened(chosen.folder) if laid(chosen.folder, one["name"])]
 
     def ask(result: Told) -> dict[str, Any] | None:
         if time.monotonic() > last and not (chosen.folder / "earlier" / f"{result['name']}.json").exists():

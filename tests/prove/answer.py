@@ -49,18 +49,22 @@ def ask(folder: Path, name: str, code: str) -> dict:
         return answer
     kept = place.answer(name)
     kept.parent.mkdir(parents=True, exist_ok=True)
-    pairs = len(list(place.data(name).glob("target_*.tif")))
-    answer = {"code": code, **_aligned(place, name, pairs)}
+    answer = {"code": code, **_aligned(place, name)}
     if answer["status"] == 0:
         answer |= diagnosed(place, name)
     write_text(kept, json.dumps(answer, indent=1) + "\n")
     return answer
 
 
-def _aligned(place: Folder, name: str, pairs: int) -> dict:
+def pairs_of(place: Folder, name: str) -> range:
+    """Return the numbers of a case's pairs."""
+    return range(len(list(place.data(name).glob("target_*.tif"))))
+
+
+def _aligned(place: Folder, name: str) -> dict:
     """Have every raw recording laid on its target."""
     told = {"status": 0, "complaint": "", "seconds": 0.0, "cpu_s": 0.0, "align_cpu_s": 0.0}
-    for k in range(pairs):
+    for k in pairs_of(place, name):
         raw = place.data(name) / f"raw_{k}.tif"
         if raw.exists() and told["status"] == 0:
             laid = place.aligned(name, k).absolute()
@@ -73,9 +77,9 @@ def _aligned(place: Folder, name: str, pairs: int) -> dict:
 
 def diagnosed(place: Folder, name: str, program: Path = PROGRAM, longest_s: float = LONGEST_S) -> dict:
     """Have a case whose recordings lie on their targets diagnosed, by the program of some interpreter."""
-    pairs = len(list(place.data(name).glob("target_*.tif")))
-    recordings = [place.recording(name, k).absolute() for k in range(pairs)]
-    words = [word for k in range(pairs) for word in ("--pair", f"target_{k}.tif", str(recordings[k]))]
+    pairs = pairs_of(place, name)
+    recordings = [place.recording(name, k).absolute() for k in pairs]
+    words = [word for k in pairs for word in ("--pair", f"target_{k}.tif", str(recordings[k]))]
     if (further := place.data(name) / "words.json").exists():
         words += json.loads(further.read_text())
     with tempfile.TemporaryDirectory() as out:

@@ -103,6 +103,11 @@ def strongest(result: Mapping) -> float:
     return max((e["times"] for e in result["truth"]["effects"]), default=0.0)
 
 
+def weakest(result: Mapping) -> float:
+    """Return the strength of a case's weakest effect in multiples of its detection limit; 0 where there is none."""
+    return min((e["times"] for e in result["truth"]["effects"]), default=0.0)
+
+
 def wrong_form(result: Mapping) -> float:
     """Return what calibration leaves of a case's error of form, in multiples of its detection limit; 0 without."""
     form = result["truth"].get("form")
@@ -250,9 +255,6 @@ def _sizes(singles: list) -> list[Row]:
 
 
 def _pairs(pairs: list) -> list[Row]:
-    def weakest(r: Mapping) -> float:
-        return min(e["times"] for e in r["truth"]["effects"])
-
     clear, strong = ([r for r in pairs if weakest(r) >= least] for least in (1.0, CLEAR))
     return [
         counted("pair", "both from 1.5 times the limit on: both in named classes", strong,
