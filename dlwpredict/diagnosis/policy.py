@@ -80,8 +80,8 @@ stands for, as a share of it; and of κ_min from the base of a part to its top. 
 narrower than none at all: other values move little."""
 
 POSSIBLE = 3.0
-"""Standard deviations that a doubt is wrong by at most. It goes with the spread's square: reaches spread by 0.43. Beside
-an effect of 3.7 times its limit, unlimited doubts took 16, and eight tenths of what the effect explains."""
+"""Standard deviations that a doubt is wrong by at most. It goes with the spread's square: reaches spread by 0.43.
+Beside an effect of 3.7 times its limit, unlimited doubts took 16, and eight tenths of what the effect explains."""
 
 UNDOUBTED = 0.6
 """What an error of the process's form leaves beside these doubts, as a share of what they explain. Of what calibration
