@@ -291,7 +291,7 @@ class TestSearch:
         found.fitter = SimpleNamespace(
             settled=lambda fit: fit is found.fitted[frozenset(CURL)], settle=lambda fits: converged.extend(fits) or fits
         )
-        found._settle(frozenset(CURL))
+        found._settle_beside(frozenset(CURL))
         assert converged == [found.fitted[frozenset(DARK)]] * settled
 
     @pytest.mark.parametrize("settled", [False, True])
@@ -327,7 +327,7 @@ class TestSearch:
             fit.free = SimpleNamespace(names=names, base=fit.parameters)
         key, screen = found.key(curl), found.screen(curl)
         assert screen.model is first and found.screen(curl) is screen
-        found._keep([better])
+        found.keep([better])
         assert found.key(curl) != key and found.screen(curl).model is better
 
     def test_what_scatters_more_must_gain_more(self):
@@ -359,7 +359,7 @@ class TestSearch:
             one = found.fitted[frozenset({"substrate-tilt"})]
             both = library()["substrate-tilt"](tilt_x_mrad=3.0, tilt_y_mrad=2.0)
             two = SimpleNamespace(**vars(one) | {"cost": one.cost - more, "parameters": ParameterSet(effects=(both,))})
-            found._keep([two])
+            found.keep([two])
             (kept,) = found.fitted[frozenset({"substrate-tilt"})].parameters.effects
             assert len(switched(kept)) == switches
             assert found.needed(frozenset({"substrate-tilt"}), "substrate-tilt") == pytest.approx(
@@ -404,7 +404,7 @@ class TestSearch:
         found.fitted[frozenset(CURL)].promise = promise
         found.stood[frozenset(CURL)] = found.fitted[frozenset(CURL)], {"curl": 0.1}
         found.fitter = SimpleNamespace(settled=lambda fit: False, settle=lambda fits: converged.extend(fits) or fits)
-        found._settle(frozenset())
+        found._settle_beside(frozenset())
         assert bool(converged) == converges
 
     def test_what_a_form_error_may_be_is_doubted_from_the_price_of_a_first_effect_on(self):
@@ -447,7 +447,7 @@ class TestSearch:
     def test_a_quick_fit_that_was_converged_already_gives_way_to_the_whole_one(self):
         found = search({CURL: 100.0})
         whole = SimpleNamespace(**vars(found.fitted[frozenset(CURL)]))
-        found._keep([whole])
+        found.keep([whole])
         assert found.fitted[frozenset(CURL)] is whole
 
     def test_a_set_with_an_effect_that_came_out_off_is_none(self):

@@ -38,6 +38,7 @@ DIAGNOSE = [
     {"library", "structure"},
     {"posterior"},
     {"starts"},
+    {"refits"},
     {"search"},
     {"classes"},
     {"judge"},

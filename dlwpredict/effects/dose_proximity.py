@@ -10,7 +10,8 @@ from dlwpredict.effects.base import DoseEffect
 from dlwpredict.effects.plane import gaussian_um, up_to_surface
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Dose
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, ndtr
+from dlwpredict.numerics.normal import ndtr
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 from dlwpredict.parameters import declare
 
 

@@ -8,7 +8,8 @@ from scipy import ndimage
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.steps import WALL
 from dlwpredict.numerics.interpolation import read_locally
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, ndtr, wide_blur
+from dlwpredict.numerics.normal import ndtr
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, REACH_SIGMAS, blur, wide_blur
 
 FIELD_RADIUS_UM = 50.0
 """Distance from the field's centre at which field-dependent effects are stated (ρ = 1)."""

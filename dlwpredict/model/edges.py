@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlwpredict.numerics.smoothing import FAINT, ndtri_of_odds
+from dlwpredict.numerics.normal import ndtri_of_odds
+from dlwpredict.numerics.smoothing import FAINT
 
 PARTS = 4
 """Parts of a level in which the distance from the edge is linear."""

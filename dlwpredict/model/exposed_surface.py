@@ -15,8 +15,9 @@ from dlwpredict.model.edges import Edges, near_steps, taken
 from dlwpredict.model.layers import Columns, Layers
 from dlwpredict.model.states import Dose, Focus
 from dlwpredict.model.steps import WALL
+from dlwpredict.numerics.normal import ndtr
 from dlwpredict.numerics.parallel import corners, each
-from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA, ndtr
+from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 
 LEVEL_STEP_SIGMAS = 0.5
 """Distance of exposure levels in axial standard deviations; the surface then errs by 0.1 nm rms, 3 nm beside walls."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlwpredict.numerics.normal import ndtr
 from dlwpredict.numerics.parallel import each
-from dlwpredict.numerics.smoothing import ndtr
 
 LAYERS_AT_ONCE = 8
 """A weight is evaluated on so many layers together: what lies between then stays in the cache."""
