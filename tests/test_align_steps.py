@@ -16,7 +16,10 @@ from dlwpredict.alignment.refine import Level, refine
 from dlwpredict.alignment.resample import prepared, resample
 from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.alignment.uncertainty import block_covariance
+from dlwpredict.effects.line_length_error import LineLengthError
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.parameters import ParameterSet
+from dlwpredict.process import predict
 
 
 def test_pose_and_its_inverse_agree_also_with_shear_and_bow():
@@ -198,6 +201,19 @@ def test_offset_and_tilt_are_told_at_the_recordings_centre():
     np.testing.assert_allclose(found.pose.shift_um, (0.0, 4.0), atol=0.01)
     np.testing.assert_allclose(found.tilt_mrad, (20.0, -10.0), atol=0.05)
     assert found.offset_um == pytest.approx(2.0, abs=2e-3)
+
+
+def refined(recording, target):
+    surfaces = (prepared(one, np.ones(target.shape, bool)) for one in (recording, target))
+    return refine(Level.of(*surfaces, target.dx_um), Pose.rigid((0.0, 0.0), 0.3), "rigid")
+
+
+def test_a_part_is_told_from_its_mirror_image_though_its_lines_are_too_long():
+    """Such walls leave a misfit in the finest waves, of which smoothing leaves nothing else."""
+    part = designs.stairs(size_um=24.8, pitch_um=0.34, margin_um=4.0, base_um=3.1, height_um=5.0, feature_height_um=0.7)
+    printed = predict(part, ParameterSet(effects=(LineLengthError(end_um=0.5),)))
+    right, wrong = refined(printed, part), refined(printed.with_heights(printed.heights_um[::-1]), part)
+    assert explained_evidence(right) > explained_evidence(wrong) + 50
 
 
 def test_what_a_robust_fit_leaves_out_counts_where_poses_are_compared():

@@ -69,7 +69,8 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     100 : 1. Which pose: one that shows the relief, and beats every other 100 : 1 (`explained_evidence`), except those
     that the target's own symmetry makes equal; of these the unmirrored one with the smallest rotation is taken.
 
-    ``known_part`` leaves the first question out: the user knows that the recording shows the target.
+    ``known_part`` leaves the first question out: the user knows that the recording shows the target. Of a round part the
+    second one, too: a smooth hump may lie at several places equally well, and any of them lays it on the target.
 
     Raises
     ------
@@ -94,7 +95,7 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     peaks = [candidate.peak for candidate in candidates]
     ties = [p for p in peaks if best.evidence - p.evidence < ODDS]
     odd = [p for p in ties if not _equivalent(target, best.pose, p.pose)]
-    if odd:
+    if odd and not (known_part and is_round):
         raise ResultError(
             f"no reliable match: {_say(best)} and {_say(odd[0])} fit equally well",
             key="match",

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.alignment.likeness import KERNEL_RATIO, gaussian_reflected
-from dlwpredict.alignment.refine import Fit
+from dlwpredict.alignment.refine import Fit, Level
 from dlwpredict.alignment.search import correlation_area
 
 FLANK = 3  # points: what lies nearer to the outline belongs to it
@@ -19,17 +19,18 @@ def explained_evidence(fit: Fit) -> float:
 
     Recording (less a plane) and residual are each taken for a Gaussian field with a spectrum that is constant in
     rings of half an octave; by Whittle's likelihood L = Σ_rings n/2·ln(P_recording / P_residual), n the number of
-    independent modes times the share of the field that was measured. Correlated residuals thus count once, and fine
-    relief on a tall block is heard beside the block. Every measured point counts alike: the weights of a robust fit
-    leave out just what a wrong pose gets wrong. Compare poses by it, not "match" with "none": structured maps are not
-    Gaussian.
+    independent modes times the share of the field that was measured, each counted by the power that smoothing has left
+    of it: beyond that there is no more of a recording than the folded remainder of its walls, which any pose may happen
+    to have. Correlated residuals thus count once, and fine relief on a tall block is heard beside the block. Every
+    measured point counts alike: the weights of a robust fit leave out just what a wrong pose gets wrong. Compare poses
+    by it, not "match" with "none": structured maps are not Gaussian.
     """
     shape = fit.level.grid[0].shape
     weights = (fit.weights > 0).astype(float)
     heights, _ = _beyond(fit, fit.level.columns[:, :3], weights)
     ring = _rings(shape)
     counted = [np.bincount(ring, _power(field * weights, shape)) for field in (heights, fit.residual)]
-    modes = np.bincount(ring) / 2 * float(np.mean(weights))
+    modes = np.bincount(ring, _left(fit.level)) / 2 * float(np.mean(weights))
     use = np.arange(len(modes)) > 0  # ring 0: less than one period in the field
     floor = 1e-9 * counted[0].max()
     return float(np.sum(modes[use] / 2 * np.log((counted[0][use] + floor) / (counted[1][use] + floor))))
@@ -38,6 +39,12 @@ def explained_evidence(fit: Fit) -> float:
 def _power(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     taper = np.outer(*(np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 0.5 for n in shape))
     return np.abs(np.fft.fft2(field.reshape(shape) * taper)).ravel() ** 2
+
+
+def _left(level: Level) -> np.ndarray:
+    """Power that the Gaussian of a level has left of each mode, 0 to 1: exp(−4π²σ²f²)."""
+    rows, cols = (np.fft.fftfreq(n, level.pitch_um) for n in level.grid[0].shape)
+    return np.exp(-((2 * np.pi * level.smoothing_um) ** 2) * (rows[:, None] ** 2 + cols**2)).ravel()
 
 
 def _rings(shape: tuple[int, int]) -> np.ndarray:

@@ -18,17 +18,18 @@ HUBER = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Recording and target on one pitch, both smoothed by the same Gaussian."""
+    """Recording and target on one pitch, both smoothed by the same Gaussian, σ in µm."""
 
     recording: Surface
     target: Surface
     pitch_um: float
+    smoothing_um: float
 
     @classmethod
     def of(cls, recording: Surface, target: Surface, pitch_um: float) -> Level:
         """Smooth both maps for this pitch."""
         sigma = SMOOTHING * max(pitch_um, recording.dx_um / 2, recording.dy_um / 2)
-        return cls(recording.smoothed(sigma), target.smoothed(sigma), pitch_um)
+        return cls(recording.smoothed(sigma), target.smoothed(sigma), pitch_um, sigma)
 
     @cached_property
     def grid(self) -> tuple[np.ndarray, np.ndarray]:
