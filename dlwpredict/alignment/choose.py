@@ -69,8 +69,8 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     100 : 1. Which pose: one that shows the relief, and beats every other 100 : 1 (`explained_evidence`), except those
     that the target's own symmetry makes equal; of these the unmirrored one with the smallest rotation is taken.
 
-    ``known_part`` leaves the first question out: the user knows that the recording shows the target. Of a round part the
-    second one, too: a smooth hump may lie at several places equally well, and any of them lays it on the target.
+    ``known_part`` leaves the first question out: the user knows that the recording shows the target. Of a round part
+    the second one, too: a smooth hump may lie at several places equally well, and any of them lays it on the target.
 
     Raises
     ------
