@@ -20,12 +20,10 @@ TURNS_DEG = sorted({360.0 * k / n for n in (2, 3, 4, 5, 6, 8) for k in range(n)}
 TURNS = 8
 ODD_TURNS_DEG = (360 / 7, 360 / 11, 360 / 13)  # no regular figure but the round one stands all of them
 CANDIDATE_POINTS = 96
-ALIKE = 0.9  # correlation of two humps
+ALIKE = 0.9  # correlation of two humps, or of one outline
 UNRELATED = "unrelated or featureless maps, or a pixel pitch that is wrong by 10 % and more?"
-ROUND = (
-    "the part is round and smooth: any turn does as well, and any hump is like any other; "
-    "--known-part takes the best pose where you know that it is the part"
-)
+ROUND = "the part is round and smooth: any turn does as well, and any hump is like any other"
+KNOWN = "--known-part takes the best pose where you know that it is the part"
 SAME = 1e-3  # share of the target's variance that two equivalent poses may differ by: sampling alone
 
 
@@ -86,7 +84,7 @@ def choose(recording: Surface, target: Surface, *, known_part: bool = False) -> 
     log_odds += max(_independent_evidence(best, result.area_um2) - result.peaks[0].evidence, 0.0)
     is_round = all(_equivalent(target, best.pose, pose) for pose in _turned(best.pose, ODD_TURNS_DEG)[:3])
     if log_odds < ODDS and not known_part:
-        why = ROUND if is_round and best.correlation > ALIKE else UNRELATED
+        why = f"{ROUND if is_round else UNRELATED}; {KNOWN}" if best.correlation > ALIKE else UNRELATED
         raise ResultError(
             f"no reliable match: the best of all poses correlates at {best.correlation:.2f}, odds {odds(log_odds)}",
             key="match",
