@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -113,7 +113,7 @@ class HeightMap:
     dx_um: float
     dy_um: float
     height_reference: HeightReference = "substrate"
-    filled: np.ndarray | None = field(default=None, repr=False)
+    filled: np.ndarray | None = None
     instrument: Instrument = UNKNOWN
 
     def __post_init__(self) -> None:
@@ -187,6 +187,9 @@ class HeightMap:
         return self.shape == other.shape and bool(
             np.allclose((self.dx_um, self.dy_um), (other.dx_um, other.dy_um), rtol=1e-6, atol=0)
         )
+
+    def __repr__(self) -> str:
+        return f"HeightMap({self.summary()}, heights {self.height_reference})"
 
     def summary(self) -> str:
         """Say size, pitch, field, z range and missing fraction in one line."""

@@ -72,10 +72,35 @@ def test_what_was_printed_is_calibrated_and_corrected(target, recording):
 
 
 @pytest.mark.slow
+def test_results_say_themselves_in_a_few_lines(target, recording):
+    """Typed at a prompt: the figures that the command says, no arrays."""
+    lines = {
+        repr(target): ["HeightMap(48 x 48 px, pitch 0.5 x 0.5 µm,", "heights substrate)"],
+        repr(dlw.align(recording, target)): ["Alignment(shift ", "heights to the substrate)"],
+        repr(dlw.calibrate([(target, recording)], free=["shrinkage_min"])): ["Calibration: rmse ", "95 % 0.6", "\n"],
+        repr(dlw.precompensate(target, most_predictions=2)): ["Precompensation(rmse ", " in 2 predictions; "],
+    }
+    for said, parts in lines.items():
+        assert all(part in said for part in parts) and len(said) < 400 and "array" not in said
+
+
+@pytest.mark.slow
+def test_a_micro_lens_of_little_more_than_a_hundred_points_is_diagnosed():
+    """As a microscope shows it, no substrate in view: most points of a part so small lie at its rim."""
+    lens = dlw.design("lens", size_um=7, pitch_um=0.4, margin_um=0, height_um=1.5, base_um=3)
+    printed = dlw.predict(lens)
+    noise_um = np.random.default_rng(3).normal(0, 0.01, lens.shape)
+    recording = dlw.HeightMap(printed.heights_um + noise_um, 0.4, 0.4, "relative")
+    found = dlw.diagnose([(lens, recording)])
+    assert 100 <= found.diagnosis.recordings[0].points < 200
+    assert found.verdict == "none" and found.diagnosis.noises[0].model.sigma_um == pytest.approx(0.01, rel=0.25)
+
+
+@pytest.mark.slow
 def test_a_diagnosis_says_itself(target, recording):
     found = dlw.diagnose([(target, recording)])
     assert found.verdict == "none" and found.findings == []
-    assert str(found).startswith("Nothing beyond noise") and "<b>Nothing beyond noise" in found._repr_html_()
+    assert repr(found).startswith("Nothing beyond noise") and "<b>Nothing beyond noise" in found._repr_html_()
     assert found.diagnosis.extended.fit.rmse_um() == pytest.approx(0.005, rel=0.1)  # the noise
     left = found.maps(0)["remainder"]
     assert left.same_grid(target) and np.nanstd(left.heights_um) == pytest.approx(0.005, rel=0.1)

@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
     write_height_map(folder / "empty.tif", target.with_heights(np.zeros(target.shape)))
     write_height_map(
         folder / "gone.tif",
-        target.with_heights(np.where(target.x_um[None, :] < 9.5, np.nan, 1.0) + 0 * target.heights_um),
+        target.with_heights(np.where(target.x_um[None, :] < 11.5, np.nan, 1.0) + 0 * target.heights_um),
     )
     narrow = ParameterSet(bounds={"threshold": (0.1, 0.2)})
     write_parameters(folder / "narrow.yaml", narrow)
@@ -93,7 +93,7 @@ def test_same_command_same_bytes(call, tmp_path):
             "small.tif: grid: 20 x 20 px at 0.5 x 0.5 µm, but target.tif has 64 x 64",
         ),
         (["--pair", "empty.tif", "aligned.tif"], "empty.tif: heights: nothing written"),
-        (["--pair", "target.tif", "gone.tif", "--wall-px", "0"], "gone.tif: heights: 240 measured points on the part"),
+        (["--pair", "target.tif", "gone.tif", "--wall-px", "0"], "gone.tif: heights: 48 measured points on the part"),
         (["--pair", "target.tif", "target.tif"], "target.tif: --pair: the recording is the target itself"),
         (
             ["--pair", "target.tif", "aligned.tif", "--pair", "target.tif", "aligned.tif"],

@@ -126,8 +126,8 @@ class TestRecordings:
 
     def test_too_few_points_are_refused(self, air, printed):
         heights = np.full(air.shape, np.nan)
-        heights[20:30, 20:30] = printed.heights_um[20:30, 20:30]
-        with pytest.raises(ResultError, match=r"100 measured points on the part .* at least 500"):
+        heights[20:30, 20:29] = printed.heights_um[20:30, 20:29]
+        with pytest.raises(ResultError, match=r"90 measured points on the part .* at least 100"):
             check_points([prepare(air, air.with_heights(heights), wall_px=0)])
 
     def test_coarse_pixels_keep_the_mean_height(self, air, printed):

@@ -37,7 +37,7 @@ def test_scale_is_inverted(relief, factor):
 def test_chain_is_inverted_within_ten_predictions(relief, memory):
     process = ParameterSet()
     found = precompensate(relief, lambda written: predict(written, process), memory=memory)
-    figures = found.summary()
+    figures = found.as_dict()
     assert found.predictions <= 10
     assert figures["reachable"]["largest_to_initial"] < 0.01
     assert figures["reachable"]["fraction"] > 0.98
@@ -60,14 +60,14 @@ def test_the_search_knows_when_it_has_come_to_rest(relief):
 def test_rounding_is_told_from_what_the_search_leaves(relief):
     found = precompensate(relief, scaled(0.8), limits=Limits(slicing_um=0.5))
     assert found.largest_unrounded_um < 0.02
-    assert found.summary()["reachable"]["largest_um"] == pytest.approx(0.2, abs=0.02)  # half a slice, 0.8 times
+    assert found.as_dict()["reachable"]["largest_um"] == pytest.approx(0.2, abs=0.02)  # half a slice, 0.8 times
 
 
 def test_swinging_print_is_damped(relief):
     """A print that overshoots by a factor of three drives the plain loop apart."""
     found = precompensate(relief, scaled(3.0), memory=0)
     assert found.damped > 0
-    assert found.summary()["rmse_um"]["after"] < 0.05 * found.summary()["rmse_um"]["before"]
+    assert found.as_dict()["rmse_um"]["after"] < 0.05 * found.as_dict()["rmse_um"]["before"]
 
 
 def test_print_that_answers_the_wrong_way_is_refused(relief):
@@ -88,7 +88,7 @@ def test_place_that_never_answers_is_reported(relief):
     expected = np.zeros(relief.shape, dtype=bool)
     expected[30:40, 30:40] = abs(relief.heights_um[30:40, 30:40] - 4) > 0.01 * found.history[0]["largest_um"]
     np.testing.assert_array_equal(~found.reachable, expected)
-    assert found.summary()["reachable"]["largest_to_initial"] < 0.01
+    assert found.as_dict()["reachable"]["largest_to_initial"] < 0.01
 
 
 def test_footprint_slices_and_maximum_are_kept(relief):

@@ -139,7 +139,7 @@ class TestPrecompensate:
         assert np.isfinite(written).all() and written.min() >= 0 and written.max() <= limits.maximum_um + 1e-9
         np.testing.assert_array_equal(written > 0, target.heights_um > 0)
         if slicing_um == 0:
-            assert found.summary()["rmse_um"]["after"] <= found.summary()["rmse_um"]["before"]
+            assert found.as_dict()["rmse_um"]["after"] <= found.as_dict()["rmse_um"]["before"]
 
     @properties
     @given(targets(most_px=16), between(-3.0, 5.0), between(0.0, 4.0), st.sampled_from([0, 5]))
@@ -154,7 +154,7 @@ class TestPrecompensate:
         except ResultError:
             assert gain < 0.2 or gain > 1
             return
-        assert found.summary()["rmse_um"]["after"] <= found.summary()["rmse_um"]["before"]
+        assert found.as_dict()["rmse_um"]["after"] <= found.as_dict()["rmse_um"]["before"]
 
     def test_slices_coarser_than_the_maximum_leave_at_most_the_maximum(self):
         target = HeightMap(np.pad(np.full((6, 6), 0.4), 3), 0.2, 0.2)

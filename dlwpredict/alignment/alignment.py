@@ -57,6 +57,20 @@ class Alignment:
     symmetry: str
     quality: dict
 
+    def summary(self) -> str:
+        """Say pose, correlation, and what heights count from, in one line."""
+        pose, error = self.pose, self.uncertainty
+        (x, y), (dx, dy) = pose.shift_um, error["shift_um"]
+        return (
+            f"shift {x:.3f}±{dx:.3f}, {y:.3f}±{dy:.3f} µm, "
+            f"rotation {pose.rotation_deg:.3f}±{error['rotation_deg']:.3f}°, "
+            f"scale {pose.scale[0]:.4f}, {pose.scale[1]:.4f} ({self.distortion}), CC {self.cc:.3f}, "
+            f"heights {'to the substrate' if self.aligned.height_reference == 'substrate' else 'relative'}"
+        )
+
+    def __repr__(self) -> str:
+        return f"Alignment({self.summary()})"
+
     def as_dict(self) -> dict:
         """Return the report's keys in the contract's order, then what this project adds."""
         bow_x, bow_y = self.pose.bow_um

@@ -113,7 +113,7 @@ class Answer:
             "remainder": remainder,
         }
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return "\n".join([self.content["sentence"], *(f"- {finding['statement']}" for finding in self.findings)])
 
     def _repr_html_(self) -> str:

@@ -119,6 +119,19 @@ class Calibration:
         offset_um = np.median((measured.heights_um - predicted.heights_um - residual_um)[recording.used])
         return measured.with_heights(measured.heights_um - offset_um), predicted, residual_um
 
+    def summary(self) -> str:
+        """Say the errors before and after, and every parameter with its interval, a line each."""
+        left_out = f"left-out blocks {self.holdout.rmse_um:.4f} µm" if self.holdout.folds else "no blocks to leave out"
+        errors = f"rmse {self.start.rmse_um():.4f} -> {self.end.rmse_um():.4f} µm ({left_out})"
+        lines = [f"{errors}, {self.work['fit']:.0f} predictions' worth of work"]
+        for name, value, (low, high) in zip(self.free.names, self.end.vector, self.intervals.ends, strict=True):
+            known = f"95 % {low:.4f} to {high:.4f}" if high > low else "at its bound"
+            lines.append(f"  {name:<24} {value:8.4f}  {known}")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"Calibration: {self.summary()}"
+
     @property
     def parameters(self) -> ParameterSet:
         """The calibrated process, with bounds and intervals."""

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 import typer
 import yaml
 
-from dlwpredict.alignment import Alignment
 from dlwpredict.alignment.choose import ODDS, odds
 from dlwpredict.api.align import align
 from dlwpredict.cli.console import detail, say, warn
@@ -80,7 +79,7 @@ def run(
     if report is not None:
         write_text(report, yaml.safe_dump(alignment.as_dict(), sort_keys=False))
     names = "target", "aligned recording"
-    draw(plot, lambda plots: plots.comparison(maps[1], alignment.aligned, names=names, caption=_line(alignment)))
+    draw(plot, lambda plots: plots.comparison(maps[1], alignment.aligned, names=names, caption=alignment.summary()))
     strain = max(abs(scale - 1) for scale in alignment.pose.scale)
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")
@@ -103,7 +102,7 @@ def run(
         warn(f"{recording}: nothing proves that it shows {target} (odds {said}): taken as known (--known-part)")
     if alignment.aligned.height_reference == "relative":
         warn(f"{output}: no substrate in view, heights are relative")
-    say(f"{output}: {_line(alignment)}")
+    say(f"{output}: {alignment.summary()}")
     tell(alignment.as_dict())
     for name, test in alignment.distortion_test.items():
         detail(f"{name}: {_listed(test)}")
@@ -117,14 +116,3 @@ def _listed(figures: Mapping[str, float | bool]) -> str:
         for name, value in figures.items()
     }
     return ", ".join(f"{name} {value}" for name, value in said.items())
-
-
-def _line(alignment: Alignment) -> str:
-    pose, error = alignment.pose, alignment.uncertainty
-    (x, y), (dx, dy) = pose.shift_um, error["shift_um"]
-    return (
-        f"shift {x:.3f}±{dx:.3f}, {y:.3f}±{dy:.3f} µm, "
-        f"rotation {pose.rotation_deg:.3f}±{error['rotation_deg']:.3f}°, "
-        f"scale {pose.scale[0]:.4f}, {pose.scale[1]:.4f} ({alignment.distortion}), CC {alignment.cc:.3f}, "
-        f"heights {'to the substrate' if alignment.aligned.height_reference == 'substrate' else 'relative'}"
-    )

@@ -13,7 +13,6 @@ from typing import Annotated, Any
 import typer
 
 from dlwpredict.api.calibrate import calibrate
-from dlwpredict.calibration import Calibration
 from dlwpredict.calibration.report import report_of
 from dlwpredict.calibration.words import cautions_of
 from dlwpredict.cli import options
@@ -134,7 +133,9 @@ def run(
     errors = f"rmse {calibration.start.rmse_um():.4f} → {calibration.end.rmse_um():.4f} µm"
     rows = [(one.name, one.target, *calibration.maps(k)) for k, one in enumerate(calibration.recordings)]
     draw(plot, lambda plots: plots.calibration(rows, caption=errors))
-    _say(output, calibration)
+    say(f"{output}: {calibration.summary()}")
+    for text in calibration.warnings:
+        warn(text)
     tell(figures)
 
 
@@ -183,18 +184,3 @@ def _rescued(output: Path) -> Iterator[Callable[[Fit], None]]:
         partial = output.with_name(f"{output.stem}.partial{output.suffix}")
         write_parameters(partial, best[0][1].parameters)
         raise ResultError("interrupted", where=output, allowed=f"best so far is in {partial}") from None
-
-
-def _say(output: Path, calibration: Calibration) -> None:
-    start, end, holdout = calibration.start, calibration.end, calibration.holdout
-    left_out = f"left-out blocks {holdout.rmse_um:.4f} µm" if holdout.folds else "no blocks to leave out"
-    say(
-        f"{output}: rmse {start.rmse_um():.4f} -> {end.rmse_um():.4f} µm ({left_out}), "
-        f"{calibration.work['fit']:.0f} predictions' worth of work"
-    )
-    intervals = calibration.intervals.ends
-    for name, value, (low, high) in zip(calibration.free.names, end.vector, intervals, strict=True):
-        known = f"95 % {low:.4f} to {high:.4f}" if high > low else "at its bound"
-        say(f"  {name:<24} {value:8.4f}  {known}")
-    for text in calibration.warnings:
-        warn(text)

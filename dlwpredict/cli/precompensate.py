@@ -129,7 +129,7 @@ def run(
                 allowed="allowed: --undecided print or --undecided measurement",
             )
         correction = corrected(part, process if undecided is None else process.decided(undecided.value))
-    figures = correction.summary()
+    figures = correction.as_dict()
     if process.undecided and undecided is not None:
         figures["undecided"] = undecided.value
     if unreachable:
@@ -141,7 +141,7 @@ def run(
     shown = part, correction.corrected, correction.predicted, correction.reachable
     draw(plot, lambda plots: plots.correction(*shown, caption=f"rmse {errors} µm"))
     tell(figures)
-    _say(output, correction)
+    say(f"{output}: {correction.summary()}")
     for doubt in doubt_of_edges(part) if surround is None else ():
         warn(f"{target}: {doubt}")
     if maximum_um is None and correction.capped_points:
@@ -156,21 +156,6 @@ def run(
         )
     if (left := figures["reachable"]["largest_to_initial"]) > LARGE:
         warn(f"stopped at {100 * left:.0f} % of the first error: {why(correction)}")
-
-
-def _say(output: Path, correction: Precompensation) -> None:
-    """Say how far the correction gets."""
-    figures = correction.summary()
-    reached, missed = figures["reachable"], figures["unreachable"]
-    say(
-        f"{output}: rmse {figures['rmse_um']['before']:.4f} -> {figures['rmse_um']['after']:.4f} µm in "
-        f"{correction.predictions} predictions; where reachable ({100 * reached['fraction']:.1f} % of the part) "
-        f"at most {reached['largest_um']:.4f} µm"
-    )
-    if missed["points"]:
-        say(
-            f"out of reach: {missed['points']} points at walls or finer than the focus, rmse {missed['rmse_um']:.3f} µm"
-        )
 
 
 def why(correction: Precompensation) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -109,7 +109,7 @@ class Precompensation:
     error_um: np.ndarray
     reachable: np.ndarray
     predictions: int
-    history: list[dict[str, float]] = field(repr=False)
+    history: list[dict[str, float]]
     damped: int = 0
     largest_unrounded_um: float = 0.0
     limits: Limits = Limits()
@@ -136,7 +136,23 @@ class Precompensation:
         errors = [step["rmse_um"] for step in self.history]
         return len(errors) <= LAST or min(errors) < 0.99 * min(errors[:-LAST])
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> str:
+        """Say how far the correction gets, in a line or two."""
+        figures = self.as_dict()
+        error, reached, missed = (figures[key] for key in ("rmse_um", "reachable", "unreachable"))
+        said = (
+            f"rmse {error['before']:.4f} -> {error['after']:.4f} µm in {self.predictions} predictions; "
+            f"where reachable ({100 * reached['fraction']:.1f} % of the part) at most {reached['largest_um']:.4f} µm"
+        )
+        if not missed["points"]:
+            return said
+        beyond = f"{missed['points']} points at walls or finer than the focus, rmse {missed['rmse_um']:.3f} µm"
+        return f"{said}\nout of reach: {beyond}"
+
+    def __repr__(self) -> str:
+        return f"Precompensation({self.summary()})"
+
+    def as_dict(self) -> dict[str, Any]:
         """Return the report's figures."""
         footprint = self.corrected.heights_um > 0
         reached, missed = footprint & self.reachable, footprint & ~self.reachable

@@ -17,8 +17,9 @@ from dlwpredict.metrology.walls import WALL_PX, near_unresolved_walls, near_wall
 from dlwpredict.numerics.continuation import Continuation
 from dlwpredict.process import check_target
 
-FEWEST_POINTS = 500
-"""Measured points on the part that a fit must at least have, all recordings together."""
+FEWEST_POINTS = 100
+"""Measured points on the part that a fit must at least have, all recordings together: ten for each of the seven
+parameters and a levelling. On fewer, noise could not be told from what is fitted."""
 
 SLIGHTLY = 0.2
 """Pixels that a wall does not reach farther for: the scales of target and recording differ by as much."""

@@ -156,10 +156,3 @@ def matern(distance: np.ndarray, length: float, smoothness: float = 1.5) -> np.n
         return np.exp(-((distance / length) ** 2) / 2)
     scaled = np.sqrt(2 * smoothness) * distance / length
     return {0.5: 1.0, 1.5: 1 + scaled, 2.5: 1 + scaled + scaled**2 / 3}[smoothness] * np.exp(-scaled)
-
-
-def scatter(values: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return values at the used pixels as a map, 0 elsewhere, shape (..., rows, cols)."""
-    maps = np.zeros((*values.shape[:-1], *used.shape))
-    maps[..., used] = values
-    return maps
