@@ -1,5 +1,6 @@
 """Whether recordings lie where their alignment says: against recordings that the effect `misregistration` has moved."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import stats
 from dlwpredict import designs
 from dlwpredict.diagnosis.answer.content import _registration
 from dlwpredict.diagnosis.answer.words import _lies
+from dlwpredict.diagnosis.judge import registered
 from dlwpredict.diagnosis.structure.registrations import Registration, chance_of, registrations
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose
@@ -106,3 +108,20 @@ def test_a_recording_taken_at_its_word_has_none():
 )
 def test_how_it_lies_is_said_in_words(moved, said):
     assert _lies(Registration(0, moved)) == said
+
+
+def test_recordings_held_out_are_levelled_by_least_squares():
+    """However their columns drift: the error of a prediction is what its best level and tilt leave."""
+    rng = np.random.default_rng(5)
+    drift_um = 0.02 * np.cumsum(rng.normal(0, 1, TARGET.shape[1])) + NOISE.simulate(TARGET.shape, rng)
+    printed = predict(TARGET, ParameterSet(), as_measured=True).heights_um
+    held_out = prepare(TARGET, TARGET.with_heights(printed + drift_um))
+    free = choose(ParameterSet(), free=["threshold"])
+    objective = Objective((Whitened.of(doubted(held_out), Uneven(NOISE)),))
+    data = registered([held_out], objective.at(free, free.start), objective)
+    error_um = replace(objective, data=data).at(free, free.start).rmse_um()
+    used = held_out.used
+    x, y = np.meshgrid(TARGET.x_um, TARGET.y_um)
+    plane = np.stack([np.ones(used.sum()), x[used], y[used]], axis=1)
+    left_um = drift_um[used] - plane @ np.linalg.lstsq(plane, drift_um[used], rcond=None)[0]
+    assert 0.9 * np.std(left_um) < error_um < 1.01 * np.std(left_um)  # it may be moved a little besides

@@ -14,23 +14,21 @@ from dlwpredict.diagnosis.search import Names, Search
 from dlwpredict.diagnosis.structure.blemishes import Blemish, blemish, suspected
 from dlwpredict.diagnosis.structure.columns import Columns
 from dlwpredict.diagnosis.structure.forms import Energy, Forms, agreement
-from dlwpredict.diagnosis.structure.freeform import smooth_forms
 from dlwpredict.diagnosis.structure.places import Place, locate
 from dlwpredict.diagnosis.structure.spots import Bumps
 from dlwpredict.diagnosis.structure.test import SINGLE, Model
 from dlwpredict.infer import held_out
 from dlwpredict.infer.fitter import Fitter
 from dlwpredict.infer.intervals import Intervals, intervals
-from dlwpredict.infer.noises import noises, white
+from dlwpredict.infer.noises import white
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.recording import Recording, doubted
-from dlwpredict.infer.whitened import Whitened, steepness
+from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.estimate import NoiseEstimate
-from dlwpredict.numerics.parallel import ALONE, Workers
 
-DOUBTED_UM = 0.01
-"""Noise by which a recording held out is registered before its own is estimated."""
+ALIKE_UM = 0.01
+"""Noise by which a recording held out is registered, the same at every pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,15 +191,12 @@ class Judge:
         )
 
 
-def registered(
-    holdout: Sequence[Recording], fitted: Fit, objective: Objective, seed: int, workers: Workers = ALONE
-) -> tuple[Whitened, ...]:
-    """Whiten recordings held out, each by the noise of its own, where a fit registers them."""
+def registered(holdout: Sequence[Recording], fitted: Fit, objective: Objective) -> tuple[Whitened, ...]:
+    """Return recordings held out, each levelled and moved so that least squares of its residual are left by a fit.
+
+    As an error of prediction is counted. Noise that differs from line to line leaves offset and tilt nearly open: what
+    would be likeliest beside it is no measure of a prediction.
+    """
     some = [doubted(recording) for recording in holdout]
-    seen = replace(objective, data=tuple(Whitened.of(r, white(r, DOUBTED_UM)) for r in some), work=Work())
-    fit = seen.at(fitted.free, fitted.vector)
-    slopes = [steepness(trace.heights_um, r.target) for trace, r in zip(fit.traces, some, strict=True)]
-    smooth = [smooth_forms(recording.target) for recording in some]
-    found = noises(some, fit.residuals_um(), smooth, slopes=slopes, seed=seed, workers=workers)
-    items = zip(some, found, slopes, fit.data, strict=True)
-    return tuple(replace(Whitened.of(r, n.model, slope), shift_um=item.shift_um) for r, n, slope, item in items)
+    data = tuple(Whitened.of(recording, white(recording, ALIKE_UM)) for recording in some)
+    return replace(objective, data=data, work=Work()).at(fitted.free, fitted.vector).data

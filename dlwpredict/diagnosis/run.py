@@ -143,7 +143,7 @@ def diagnose(
 
     tell(Stage.of("noise", "estimating the noise"))
     better, noise = noise_beside(first), None
-    apart = registered(holdout, first, objective, seed, workers) if holdout else ()
+    apart = registered(holdout, first, objective) if holdout else ()
     best: Names = frozenset()
     ended: list[Start] = []
     left_out: list[Blemish] = []
