@@ -100,8 +100,8 @@ def diagnose(
     """Find out what the model lacks.
 
     Fit; estimate the noise beside everything that might be in the residual; then linearise, enumerate sets of effects
-    and refit the leading ones; estimate the noise beside the best set; again, until the set that the noise was
-    estimated beside stays the best. A spot that explains more than any further effect is left out first.
+    and refit the leading ones; estimate the noise beside the best set, where it has other effects; again, until the set
+    stays the best. A spot that explains more than any further effect is left out first.
 
     Parameters
     ----------
@@ -171,7 +171,8 @@ def diagnose(
         elif search.key(best) == known:
             break
         keep(judge.answer(search, best, complete=False))
-        better, first, ended = noise_beside(search.fitted[best]), baseline, search.near(best)
+        if blemish or best != beside:  # one more switch of the same effects leaves the noise as it is
+            better, first, ended = noise_beside(search.fitted[best]), baseline, search.near(best)
     tell(Stage.of("judgement", "judging what is left"))
     answer = judge.answer(search, best, complete=True)
     keep(answer)
