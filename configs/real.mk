@@ -62,4 +62,5 @@ $(REAL)/diagnosis.yaml: $(REAL_START) $(foreach field,$(REAL_FIELDS),$(call REAL
 	  $(foreach field,$(REAL_HELD_OUT),--holdout $(call REAL_PAIR,$(field))) -p $< -o $@ --params-out $(REAL)/extended.yaml \
 	  --maps $(REAL)/maps --report $(REAL)/diagnosis.html --overwrite --verbose
 
-.PRECIOUS: $(REAL)/%/target.tif $(REAL)/%/recording.tif $(REAL)/%/aligned.tif $(REAL)/%/default.tif $(REAL)/%/predicted.tif
+# An answer that was ended early is one all the same, and is kept; removed, it is begun anew.
+.PRECIOUS: $(REAL)/diagnosis.yaml $(REAL)/%/target.tif $(REAL)/%/recording.tif $(REAL)/%/aligned.tif $(REAL)/%/default.tif $(REAL)/%/predicted.tif
