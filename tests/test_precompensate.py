@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from dlwpredict.correction.precompensate import Limits, precompensate
+from dlwpredict.correction.limits import Limits
+from dlwpredict.correction.precompensate import precompensate
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.numerics.smoothing import blur

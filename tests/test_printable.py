@@ -6,7 +6,8 @@ from typer.testing import CliRunner
 
 from dlwpredict import designs
 from dlwpredict.cli import app
-from dlwpredict.correction.precompensate import HIGHEST, Limits, precompensate
+from dlwpredict.correction.limits import HIGHEST, Limits
+from dlwpredict.correction.precompensate import precompensate
 from dlwpredict.correction.printable import Printable
 from dlwpredict.correction.surround import Continued, doubt_of_edges
 from dlwpredict.errors import InputError

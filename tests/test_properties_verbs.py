@@ -11,7 +11,8 @@ from scipy import ndimage
 from dlwpredict import designs
 from dlwpredict.alignment import align
 from dlwpredict.calibration import calibrate
-from dlwpredict.correction.precompensate import LEAST_SLICE_UM, Limits, precompensate
+from dlwpredict.correction.limits import LEAST_SLICE_UM, Limits
+from dlwpredict.correction.precompensate import precompensate
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import choose

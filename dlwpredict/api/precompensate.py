@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from dlwpredict.correction.precompensate import Limits, Precompensation, correct
+from dlwpredict.correction.limits import Limits
+from dlwpredict.correction.precompensate import Precompensation, correct
 from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet

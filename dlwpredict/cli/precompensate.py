@@ -15,7 +15,8 @@ from dlwpredict.cli import options
 from dlwpredict.cli.console import detail, say, warn
 from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
-from dlwpredict.correction.precompensate import HIGHEST, LAST, Limits, Precompensation, steps_um
+from dlwpredict.correction.limits import HIGHEST, Limits
+from dlwpredict.correction.precompensate import LAST, Precompensation, steps_um
 from dlwpredict.correction.printable import Printable
 from dlwpredict.correction.sides import Stake, stakes
 from dlwpredict.correction.surround import doubt_of_edges

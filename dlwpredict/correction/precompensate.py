@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from dlwpredict.correction.printable import Printable
+from dlwpredict.correction.limits import Limits
+from dlwpredict.correction.mixing import Anderson
 from dlwpredict.correction.surround import Continued
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
@@ -20,61 +21,8 @@ Prediction = Callable[[HeightMap], HeightMap]
 UNREACHABLE_RESPONSE = 0.2
 """A place is out of reach where full correction steps move the print by less than this share of what is missing."""
 
-HIGHEST = 2.0
-"""Nothing is written higher than so many times the target's highest point, unless a maximum is given: resin shrinks by
-less than half, and what asks for more is a wall or an edge that no height mends."""
-
-LEAST_SLICE_UM = 1e-4
-"""A tenth of a nanometre: no stage moves by less, and heights are no finite number of slices of nearly nothing."""
-
-AS_IT_COMES = Printable()
-
 LAST = 3
 """Predictions over which convergence of the search is judged."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What may be written.
-
-    Parameters
-    ----------
-    maximum_um : float
-        Highest written height, µm.
-    printable : Printable
-        What its shape may be.
-    slicing_um : float
-        Heights are rounded to multiples of this at the end; 0 = continuous.
-    """
-
-    maximum_um: float = np.inf
-    slicing_um: float = 0.0
-    printable: Printable = AS_IT_COMES
-
-    @classmethod
-    def about(cls, target: HeightMap, maximum_um: float | None = None, **settings: Any) -> Limits:
-        """Return limits for a target, `HIGHEST` times as high as it is unless a maximum is given."""
-        return cls(HIGHEST * float(target.heights_um.max()) if maximum_um is None else maximum_um, **settings)
-
-    def __post_init__(self) -> None:
-        if not self.maximum_um > 0:
-            raise InputError(f"found {self.maximum_um:g}", key="--maximum-um", allowed="allowed: above 0")
-        whole = LEAST_SLICE_UM <= self.slicing_um <= self.maximum_um and np.isfinite(self.slicing_um)
-        if self.slicing_um != 0 and not whole:
-            allowed = f"allowed: 0, or {LEAST_SLICE_UM:g} to {self.maximum_um:.4g}, the highest that may be written"
-            raise InputError(f"found {self.slicing_um:g}", key="--slicing-um", allowed=allowed)
-
-    def within(self, written: np.ndarray, target: HeightMap) -> np.ndarray:
-        """Keep heights printable, between a fiftieth of the target and the maximum; nothing is written beside it."""
-        shaped = self.printable.of(written, target)
-        return np.where(target.heights_um > 0, np.clip(shaped, target.heights_um / 50, self.maximum_um), 0.0)
-
-    def sliced(self, written: np.ndarray, footprint: np.ndarray) -> np.ndarray:
-        """Round to whole slices within the limits; at least one where something stands."""
-        if self.slicing_um == 0:
-            return written
-        most = np.floor(self.maximum_um / self.slicing_um + 1e-9)
-        return np.where(footprint, np.clip(np.round(written / self.slicing_um), 1, most) * self.slicing_um, 0.0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +60,7 @@ class Precompensation:
     history: list[dict[str, float]]
     damped: int = 0
     largest_unrounded_um: float = 0.0
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
 
     def in_view(self, view: Continued) -> Precompensation:
         """Return the correction where the target is, of one that was continued."""
@@ -236,7 +184,7 @@ def precompensate(
     on_step(1, history[0]["rmse_um"])
     tolerated = tolerance * history[0]["largest_um"]
     silent = np.where(footprint, 0, 2)  # full steps that a place has left unanswered; after two it is left alone
-    mixing, damped, scale = _Anderson(memory), 0, 1.0
+    mixing, damped, scale = Anderson(memory), 0, 1.0
     while len(history) < most_predictions and scale > 1 / 16:
         answers = silent < 2
         if not (answers & judged).any() or np.abs(best.error[answers & judged]).max() <= tolerated:
@@ -251,7 +199,7 @@ def precompensate(
         if _rms(error[answers & judged]) < _rms(best.error[answers & judged]):
             best, scale = _Iterate(written, error), 1.0
         else:
-            damped, scale, mixing = damped + 1, scale / 2, _Anderson(0)
+            damped, scale, mixing = damped + 1, scale / 2, Anderson(0)
     if best.written is h and damped:
         raise ResultError(
             "no step lowers the error of the prediction", key="precompensate", allowed="check the parameters"
@@ -322,27 +270,6 @@ def _answers(before: _Iterate, written: np.ndarray, error: np.ndarray, tolerated
     moved = before.error - error
     small = np.abs(before.error) <= tolerated
     return small | ((moved * np.sign(before.error) >= UNREACHABLE_RESPONSE * np.abs(before.error)) & (step != 0))
-
-
-class _Anderson:
-    """Anderson mixing: combine the last steps so that their changes cancel the present one."""
-
-    def __init__(self, memory: int) -> None:
-        self.memory = memory
-        self.points: list[np.ndarray] = []
-        self.steps: list[np.ndarray] = []
-
-    def next(self, point: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return the next point from the present one and its step."""
-        self.points = [*self.points, point][-self.memory - 1 :]
-        self.steps = [*self.steps, step][-self.memory - 1 :]
-        if len(self.steps) < 2 or self.memory == 0:
-            return point + step
-        d_steps = np.stack([(step - s).ravel() for s in self.steps[:-1]], axis=1)
-        d_points = np.stack([(point - p).ravel() for p in self.points[:-1]], axis=1)
-        gram = d_steps.T @ d_steps
-        weights = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ (d_steps.T @ step.ravel())
-        return point + step - ((d_points + d_steps) @ weights).reshape(point.shape)
 
 
 def _figures(errors: np.ndarray) -> dict[str, float]:

@@ -100,7 +100,7 @@ BETTER = {"cin": ">= 12", "air": ">= 12", "lens-array": ""}
 
 def generations(run: Path = RUNS / "generations") -> dict[str, Any]:
     """Return the table of one correction, with the diagnosis and with the seven parameters alone."""
-    rows = []
+    rows, versions = [], set()
     true = {one["name"] for one in yaml.safe_load(PRESS.read_text())["effects"]} | {FORM}
     for target, wanted in BETTER.items():
         both = [(one, one.with_name(f"{one.name}-diagnosed")) for one in sorted(run.glob(f"{target}-[0-9]"))]
@@ -119,6 +119,7 @@ def generations(run: Path = RUNS / "generations") -> dict[str, Any]:
         better = float(np.mean(gains[:, 1] >= gains[:, 0]))
         rows.append(row(f"{target}, share of seeds where the diagnosis is not worse", better, "", "all"))
         told = [yaml.safe_load((place / "g0" / "diagnosis.yaml").read_text()) for _, place in both]
+        versions |= {one["provenance"]["versions"]["dlwpredict"] for one in told}
         found = [set(finding["effects"]) for one in told for finding in one["findings"]]
         held = sum(bool(names & true) for names in found)
         if found:
@@ -127,7 +128,7 @@ def generations(run: Path = RUNS / "generations") -> dict[str, Any]:
     text = (
         f"Root mean square off the target {RIM_UM:g} µm inside the outline, as measured, before and after one "
         f"correction. The virtual press of the sample data ({', '.join(sorted(true))}); seeds: the recordings' noise "
-        "and the surface of AIR."
+        f"and the surface of AIR. Diagnosed by {' and '.join(sorted(versions))}."
     )
     return {"title": "One correction on the virtual press", "command": "make generations", "text": text} | {
         "rows": rows
