@@ -53,6 +53,23 @@ class TestPrintable:
         for shape in ({}, {"smooth_um": 0.6}, {"smallest_um": 0.6}, {"steepest": 3.0}):
             np.testing.assert_allclose(Printable(**shape).of(smooth, WAVES), smooth, atol=1e-9)
 
+    def test_a_slope_of_the_target_is_no_step_to_be_cut(self):
+        ramp = HeightMap(np.tile(np.arange(1.0, 13.0), (8, 1)), 1, 1)
+        np.testing.assert_allclose(Printable(steepest=0.1).of(ramp.heights_um, ramp), ramp.heights_um)
+
+    def test_the_same_change_everywhere_is_smooth_up_to_the_rim_of_the_part(self):
+        part = HeightMap(np.pad(np.full((12, 16), 4.0), 5), 1, 1)
+        raised = np.where(part.heights_um > 0, part.heights_um + 0.5, 0.0)
+        np.testing.assert_allclose(Printable(smooth_um=4).of(raised, part), raised)
+
+    def test_what_is_wider_than_the_smallest_stays(self):
+        """Five pixels: a square of seven keeps its middle, one of three goes."""
+        part = HeightMap(np.full((40, 40), 4.0), 1, 1)
+        written = part.heights_um.copy()
+        written[8:15, 8:15], written[28:31, 28:31] = 5.0, 5.0
+        shaped = Printable(smallest_um=5).of(written, part)
+        assert shaped[11, 11] == 5.0 and shaped[29, 29] == 4.0
+
     def test_beside_the_part_nothing_is_touched(self):
         part = designs.air(size_um=10, pitch_um=0.4, margin_um=4)
         found = Printable(0.8, 0.5, 0.8).of(1.3 * part.heights_um, part)
