@@ -193,14 +193,19 @@ class TestFitter:
         assert np.abs(error).max() < 4
         assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
 
-    @pytest.mark.parametrize(("promises", "renewed"), [([5.0], 0), ([7.0, 5.0], 1), ([7.0, 7.0], 2), ([9.0] * 9, 2)])
+    @pytest.mark.parametrize(
+        ("data", "promises", "renewed"),
+        [(20, [5.0], 0), (20, [7.0, 5.0], 1), (20, [7.0, 7.0], 2), (20, [9.0] * 9, 2), (-9990, [9.0] * 9, 0)],
+    )
     def test_a_quick_fit_goes_on_with_derivatives_anew_while_its_tangent_promises_more(
-        self, monkeypatch, promises, renewed
+        self, monkeypatch, data, promises, renewed
     ):
+        """More than tells two models apart, or than a thousandth of what the model is wrong by, here 10."""
+        rows = Rows((data,), (0,), 0)
         left, hurried, fit = (
             iter([*promises, promises[-1]]),
             [],
-            make_dataclass("Fit", ["cost", ("promise", float, 0.0)]),
+            make_dataclass("Fit", ["cost", ("promise", float, 0.0), ("rows", Rows, rows)]),
         )
         monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
         monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: fit(start.cost))

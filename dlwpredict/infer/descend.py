@@ -57,7 +57,7 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
     damping, fresh = 1e-6, not secant
     for _ in range(steps):
         vector, promised = _step(now, damping)
-        least = max(gain, MISFIT * (now.cost - now.rows.data))
+        least = tolerance(now, gain)
         trial = _lower(objective, now, vector, damping) if promised >= least else None
         if trial is None and not (fresh or secant):
             now, fresh = objective.differentiated(now), True
@@ -72,6 +72,11 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
             now = objective.differentiated(trial) if fresh else replace(trial, jacobian=_broyden(now, trial))
             damping /= 10
     return now
+
+
+def tolerance(now: Fit, gain: float) -> float:
+    """Return what a step must promise to be worth taking: a gain, or a share of what the model is wrong by."""
+    return max(gain, MISFIT * (now.cost - now.rows.data))
 
 
 def promised(now: Fit) -> float:

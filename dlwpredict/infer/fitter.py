@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dlwpredict.infer.descend import descend, promised
+from dlwpredict.infer.descend import descend, promised, tolerance
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
@@ -24,7 +24,8 @@ from dlwpredict.parameters import Paper, ParameterSet, declarations
 
 QUICK_STEPS, RENEWED, QUICK_GAIN = 5, 2, 6.0
 """Steps of a quick fit with the same derivatives, at first those of its parent; and how often they are taken anew while
-its next step promises more than this in the objective, about what two models must be apart by to be told apart."""
+its next step promises more than this in the objective, about what two models must be apart by to be told apart, and
+more than the tolerance of a descent."""
 
 LOOK, FOLLOWED = 8, 1.05
 """Steps of a descent from the paper's seven before it is given up where it costs more than so many times the other,"""
@@ -177,7 +178,7 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
         begun = objective.differentiated(objective.at(best.free, vector, parent))
         best = min(best, _hurried(objective, begun, like), key=lambda one: one.cost)
     best, renewed = replace(best, promise=promised(best)), 0
-    while best.promise >= QUICK_GAIN and renewed < RENEWED:
+    while best.promise >= tolerance(best, QUICK_GAIN) and renewed < RENEWED:
         best, renewed = _hurried(objective, objective.differentiated(best), like), renewed + 1
         best = replace(best, promise=promised(best))
     return best, objective.work.predictions
