@@ -22,8 +22,9 @@ from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
 
 
-def test_pose_and_its_inverse_agree_also_with_shear_and_bow():
-    pose = Pose((3.0, -2.0), ((0.9, -0.3), (0.35, 1.1)), ((0.2, 0.1, -0.1), (0.0, 0.3, 0.2)), (20.0, 15.0))
+def test_pose_and_its_inverse_agree_also_with_shear_bow_and_cubic():
+    bow, cubic = ((0.2, 0.1, -0.1), (0.0, 0.3, 0.2)), (0.3, -0.2)
+    pose = Pose((3.0, -2.0), ((0.9, -0.3), (0.35, 1.1)), bow, cubic, (20.0, 15.0))
     x, y = np.meshgrid(np.linspace(-20, 20, 7), np.linspace(-15, 15, 5))
     np.testing.assert_allclose(pose.to_target(*pose.to_recording(x, y)), (x, y), atol=1e-8)
 
@@ -37,10 +38,22 @@ def test_a_pose_is_told_by_the_figures_it_was_made_of():
     assert pose.shear == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize("turn", [0.0, 90.0])
+def test_a_cubic_is_along_the_axes_of_the_recording_and_holds_no_scale(turn):
+    """Half the width that the turned target has there is its unit: a line of best fit to it is level."""
+    pose = replace(Pose.rigid((0.0, 0.0), turn, reach_um=(20.0, 10.0)), cubic_um=(0.2, 0.0))
+    x, y = (values.ravel() for values in np.meshgrid(np.linspace(-20, 20, 401), np.linspace(-10, 10, 401)))
+    right, up = np.subtract(pose.to_recording(x, y), Pose.rigid((0.0, 0.0), turn).to_recording(x, y))
+    along = x if turn == 0 else -y
+    np.testing.assert_allclose(up, 0.0, atol=1e-12)
+    np.testing.assert_allclose(right[[np.argmax(along), np.argmin(along)]], (0.2, -0.2))
+    assert np.polyfit(along, right, 1) == pytest.approx(0, abs=0.2 / 401)
+
+
 def test_pose_derivatives_match_differences():
     pose = Pose.rigid((1.0, 2.0), 30.0, reach_um=(10.0, 10.0))
     x, y = np.array([3.0, -7.0]), np.array([5.0, 1.0])
-    for model, count in (("shift", 2), ("rigid", 3), ("affine", 6), ("bow", 12)):
+    for model, count in (("shift", 2), ("rigid", 3), ("affine", 6), ("bow", 12), ("cubic", 14)):
         jacobian = pose.jacobian(x, y, model)
         for k, step in enumerate(1e-6 * np.eye(count)):
             moved = np.subtract(pose.moved(step).to_recording(x, y), pose.to_recording(x, y)) / 1e-6

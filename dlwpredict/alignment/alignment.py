@@ -13,9 +13,9 @@ class Alignment:
     """A recording brought onto its target's grid.
 
     Pose: the target point (x, y), from the target's centre, y up, lies in the recording at
-    shift + R(rotation)·[[1, shear], [0, 1]]·diag(scale)·(x, y) + bow from the recording's centre. Heights: recorded
-    height = aligned height + offset + tilt·(x, y), x and y from the recording's centre. A mirrored recording is
-    counted after its columns were reversed.
+    shift + R(rotation)·[[1, shear], [0, 1]]·diag(scale)·(x, y) + bow + cubic (`Pose`) from the recording's centre.
+    Heights: recorded height = aligned height + offset + tilt·(x, y), x and y from the recording's centre. A mirrored
+    recording is counted after its columns were reversed.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Alignment:
     uncertainty : dict
         One standard error per figure, same shape as the figure; 0 where the distortion keeps it fixed.
     distortion : str
-        rigid, affine or bow.
+        rigid, affine, bow or cubic.
     distortion_test : dict
         Per distortion tried: p_value, rim_px (what it moves at the target's rim), blocks, accepted.
     symmetry : str
@@ -91,6 +91,7 @@ class Alignment:
             "uncertainty": self.uncertainty,
             "shear_mrad": 1e3 * self.pose.shear,
             "bow_um": {"x": list(bow_x), "y": list(bow_y)},
+            "cubic_um": list(self.pose.cubic_um),
             "distortion": self.distortion,
             "distortion_test": self.distortion_test,
             "symmetry": self.symmetry,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -22,8 +22,14 @@ form is trusted further than to 5 % (`diagnosis.policy.FORM_ERROR`). A lone lens
 BLIND = 1e-7
 """Share of the most that a direction may change, in energy, below which it changes nothing."""
 
-# what each model adds to the one below: places in `Pose.figures` and their values without distortion
-_ADDED = {"affine": (slice(3, 6), np.array([1.0, 1.0, 0.0])), "bow": (slice(6, 12), np.zeros(6))}
+_ADDED = {
+    "affine": (slice(3, 6), np.array([1.0, 1.0, 0.0]), np.eye(3)),
+    "bow": (slice(6, 12), np.zeros(6), np.eye(6)),
+    "cubic": (slice(12, 14), np.zeros(2), np.array([[1.0, -1.0]])),
+}
+"""What each model adds to the one below: places in `Pose.figures`, their values without distortion, and which
+combinations of their differences are tested. A print that holds on to its substrate shrinks alike along x and y, most
+at its rim: of a cubic only what differs between the axes is surely the instrument's."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +46,13 @@ class Registration:
 def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *, is_round: bool) -> Registration:
     """Refine a pose from coarse to fine and settle the distortion.
 
-    ``wanted`` is rigid, affine or bow, with all its figures free; or auto: bow where its six terms differ from zero,
-    else affine where scale and shear do, else rigid. "Differ": Hotelling's T² of the added figures with the
-    block-jackknife covariance, T²·(B − q)/(q(B − 1)) against F(q, B − q) over B effective blocks and q free directions,
-    p < 0.001; and the rim moves by more than a tenth of a target pixel. With auto, only those directions of scale,
-    shear and bow are free that the print itself cannot look like (`told`); where there are none of scale and shear, no
-    bow is asked for. What all directions together would have moved besides is in the covariance.
+    ``wanted`` is rigid, affine, bow or cubic, with all its figures free; or auto: cubic where its two terms differ from
+    one another, else bow where its six differ from zero, else affine where scale and shear do, else rigid. "Differ":
+    Hotelling's T² of the added figures with the block-jackknife covariance, T²·(B − q)/(q(B − 1)) against F(q, B − q)
+    over B effective blocks and q free directions, p < 0.001; and the rim moves by more than a tenth of a target pixel.
+    With auto, only those directions of scale, shear, bow and cubic are free that the print itself cannot look like
+    (`told`); where there are none of scale and shear, no bow is asked for, and so on. What all directions together
+    would have moved besides is in the covariance.
     """
     for level in levels:
         fit = refine(level, pose, "rigid")
@@ -57,7 +64,7 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
         )
     fits: dict[Distortion, tuple[Fit, Fit]] = {"rigid": (fit, fit)}  # with all directions free, and with those told
     tests: dict[str, dict[str, float | bool]] = {}
-    models: tuple[Distortion, ...] = ("affine", "bow")
+    models: tuple[Distortion, ...] = ("affine", "bow", "cubic")
     free = _directions(fit.pose, "rigid")
     for model in () if wanted == "rigid" or (wanted == "auto" and not known) else models:
         whole = own = refine(levels[-1], fit.pose, model)
@@ -110,7 +117,7 @@ def told(fit: Fit, model: Distortion, directions: np.ndarray) -> np.ndarray:
     -------
     numpy.ndarray, shape (parameters, told)
     """
-    weights, scale = _trusted(fit), parameter_scale(len(directions), fit.pose.reach_um)
+    weights, scale = _trusted(fit, model), parameter_scale(len(directions), fit.pose.reach_um)
     changes = changed(fit.level, fit.pose, fit.fitted, model) @ (scale[:, None] * directions)
     sizes, axes = np.linalg.eigh(changes.T @ (changes * weights[:, None]))
     seen = sizes > BLIND * sizes[-1]
@@ -122,31 +129,40 @@ def told(fit: Fit, model: Distortion, directions: np.ndarray) -> np.ndarray:
     return across
 
 
-def own_share(fit: Fit) -> float:
-    """Return the share of what a pose distorts, in energy, that neither likeness nor shift takes up."""
-    weights, change = _trusted(fit), _change(fit)
+def own_share(fit: Fit, model: Distortion) -> float:
+    """Return the share of what a model adds to the one below, in energy, that neither likeness nor shift takes up."""
+    weights, change = _trusted(fit, model), _change(fit, model)
     left = fit.beside(change, weights)
     return float(np.sum(weights * left**2) / max(np.sum(weights * change**2), 1e-300))
 
 
-def _trusted(fit: Fit) -> np.ndarray:
+def _trusted(fit: Fit, model: Distortion) -> np.ndarray:
     """Return the weights of the points: none's change is known better than to `LEAST_OWN` of its energy."""
     variance = np.average(fit.residual**2, weights=fit.weights + 1e-12)
-    return fit.weights / (variance + LEAST_OWN * _change(fit) ** 2)
+    return fit.weights / (variance + LEAST_OWN * _change(fit, model) ** 2)
 
 
-def _change(fit: Fit) -> np.ndarray:
-    """Return what the distortion of a pose changes to first order, µm, shape (points,)."""
+def _change(fit: Fit, model: Distortion) -> np.ndarray:
+    """Return what a model adds to the one below, µm of height to first order, shape (points,)."""
     pose, (x, y) = fit.pose, fit.level.grid
-    rigid = Pose.rigid(pose.shift_um, pose.rotation_deg)
-    moved = np.subtract(pose.to_recording(x.ravel(), y.ravel()), rigid.to_recording(x.ravel(), y.ravel()))
+    below = _below(pose, model)
+    moved = np.subtract(pose.to_recording(x.ravel(), y.ravel()), below.to_recording(x.ravel(), y.ravel()))
     return np.sum(slopes(fit.level, pose, fit.fitted) * moved, axis=0)
+
+
+def _below(pose: Pose, model: Distortion) -> Pose:
+    """Return a pose without what a model adds to the one below."""
+    if model == "affine":
+        return Pose.rigid(pose.shift_um, pose.rotation_deg, reach_um=pose.reach_um)
+    without = {"bow_um": Pose.bow_um} if model == "bow" else {"cubic_um": Pose.cubic_um}
+    return replace(pose, **without)
 
 
 def _directions(pose: Pose, model: Distortion) -> np.ndarray:
     """Return what a model adds to the one below, as directions of the parameters: shape (parameters, directions)."""
-    if model == "bow":
-        return np.eye(12)[:, 6:]
+    if model in ("bow", "cubic"):
+        places = _ADDED[model][0]
+        return np.eye(places.stop)[:, places]
     turn = rotation_matrix(pose.rotation_deg)
     scales = [(turn @ np.array(added)).ravel() for added in ([[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 1], [0, 0]])]
     if model == "affine":
@@ -158,13 +174,13 @@ def _directions(pose: Pose, model: Distortion) -> np.ndarray:
 def _test(whole: Fit, own: Fit, model: Distortion, free: int, pixel_um: float) -> dict[str, float | bool]:
     """Hotelling's test of what a model adds, in its free directions, and what of it was left out."""
     p, blocks = _chance(own, model, free)
-    move = _rim_move(own.pose, model) / pixel_um
+    move = _rim_distance(own.pose, _below(own.pose, model)) / pixel_um
     left = _rim_distance(whole.pose, own.pose) / pixel_um
     return {
         "p_value": p,
         "rim_px": move,
         "blocks": blocks,
-        "own_share": own_share(whole),
+        "own_share": own_share(whole, model),
         "untold_px": left,
         "untold": left > LEAST_MOVE_PX and _chance(whole, model, len(_ADDED[model][1]))[0] < SIGNIFICANCE,
         "accepted": move > LEAST_MOVE_PX and p < SIGNIFICANCE,
@@ -176,9 +192,10 @@ def _chance(fit: Fit, model: Distortion, free: int) -> tuple[float, float]:
     covariance, blocks = pose_covariance(fit, tiles_only=True)
     if not free:
         return 1.0, blocks
-    places, without = _ADDED[model]
-    added = fit.pose.figures()[places] - without
-    spread = figure_covariance(fit.pose, covariance)[places, places]
+    places, without, tested = _ADDED[model]
+    free = min(free, len(tested))
+    added = tested @ (fit.pose.figures()[places] - without)
+    spread = tested @ figure_covariance(fit.pose, covariance)[places, places] @ tested.T
     size = np.sqrt(np.maximum(np.diag(spread), 1e-30))
     values, axes = np.linalg.eigh(spread / np.outer(size, size))
     along = (axes.T @ (added / size))[-free:]
@@ -187,14 +204,8 @@ def _chance(fit: Fit, model: Distortion, free: int) -> tuple[float, float]:
     return float(special.fdtrc(free, left, t2 * left / (free * max(blocks - 1, 1.0)))), blocks
 
 
-def _rim_move(pose: Pose, model: Distortion) -> float:
-    """Largest move of the target's corners and edge middles by what the model adds, µm."""
-    plain = Pose(pose.shift_um, pose.matrix) if model == "bow" else Pose.rigid(pose.shift_um, pose.rotation_deg)
-    return _rim_distance(pose if model == "bow" else Pose(pose.shift_um, pose.matrix), plain, pose.reach_um)
-
-
-def _rim_distance(one: Pose, other: Pose, reach_um: tuple[float, float] | None = None) -> float:
+def _rim_distance(one: Pose, other: Pose) -> float:
     """Largest distance between two poses of the target's corners and edge middles, µm."""
-    reach = np.array(reach_um or one.reach_um)
+    reach = np.array(one.reach_um)
     x, y = (reach * np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)], float)).T
     return float(np.max(np.hypot(*np.subtract(one.to_recording(x, y), other.to_recording(x, y)))))

@@ -179,4 +179,4 @@ def _step(fit: Fit) -> tuple[np.ndarray, float]:
 def parameter_scale(count: int, reach_um: tuple[float, float]) -> np.ndarray:
     """Return the size of each of so many parameters of `Pose.moved` that moves the target's rim by 1 µm."""
     turn = 1 / max(reach_um)
-    return np.array([1, 1, *[turn] * 4, *[1] * 6])[:count] if count > 3 else np.array([1, 1, turn])[:count]
+    return np.array([1, 1, *[turn] * 4, *[1] * 8])[:count] if count > 3 else np.array([1, 1, turn])[:count]

@@ -22,7 +22,7 @@ from dlwpredict.alignment.uncertainty import block_index
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap
 
-DISTORTIONS: tuple[Wanted, ...] = ("auto", "rigid", "affine", "bow")
+DISTORTIONS: tuple[Wanted, ...] = ("auto", "rigid", "affine", "bow", "cubic")
 FINEST_POINTS = 400  # across the target on the finest level: more adds time, not precision
 LEAST_COVERED = 0.5
 RIM = 0.1  # width of the empty frame around a target, as a share of its size
@@ -66,7 +66,7 @@ def align(
     Parameters
     ----------
     recording, target : HeightMap
-    distortion : {"auto", "rigid", "affine", "bow"}
+    distortion : {"auto", "rigid", "affine", "bow", "cubic"}
         What the lateral mapping may do; auto lets a test decide (`dlwpredict.alignment.distortion.register`).
     allow_mirror : bool
         Turn a mirrored recording back instead of refusing it.
@@ -246,6 +246,7 @@ def _uncertainty(pose: np.ndarray, plane: np.ndarray, cc: float) -> dict:
         "cc": cc,
         "shear_mrad": numbers[5],
         "bow_um": {"x": numbers[6:9], "y": numbers[9:12]},
+        "cubic_um": numbers[12:14],
     }
 
 

@@ -94,7 +94,7 @@ def pose_covariance(fit: Fit, *, tiles_only: bool = False) -> tuple[np.ndarray, 
 
 
 def figure_covariance(pose: Pose, covariance: np.ndarray) -> np.ndarray:
-    """Carry the covariance of the parameters over to `Pose.figures`, shape (12, 12)."""
+    """Carry the covariance of the parameters over to `Pose.figures`, shape (14, 14)."""
     steps = np.sqrt(np.maximum(np.diag(covariance), 1e-24)) * 1e-3
     base = pose.figures()
     change = np.stack([(pose.moved(np.diag(steps)[k]).figures() - base) / steps[k] for k in range(len(steps))])

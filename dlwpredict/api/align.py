@@ -19,7 +19,7 @@ def align(recording: HeightMap, target: HeightMap, **settings: Any) -> Alignment
     recording, target : HeightMap
         Each on a grid of its own.
     **settings
-        Of `dlwpredict.alignment.align`: ``distortion`` ("auto", "rigid", "affine" or "bow"), ``allow_mirror``,
+        Of `dlwpredict.alignment.align`: ``distortion`` ("auto", "rigid", "affine", "bow" or "cubic"), ``allow_mirror``,
         ``keep_missing``, ``known_part``.
 
     Returns

@@ -37,7 +37,7 @@ def run(
     output: Output,
     report: Annotated[Path | None, typer.Option("--report", help="Figures and uncertainties (YAML).")] = None,
     distortion: Annotated[
-        Literal["auto", "rigid", "affine", "bow"],
+        Literal["auto", "rigid", "affine", "bow", "cubic"],
         typer.Option("--distortion", help="Lateral mapping; auto: as much as a test finds."),
     ] = "auto",
     allow_mirror: Annotated[

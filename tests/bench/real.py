@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -182,27 +182,51 @@ def show_diagnosis(run: Path, known: list[str], program: Path) -> None:
     print(f"  noise {1e3 * found['noise_um']:.1f} nm")
 
 
+@dataclass(frozen=True)
+class Answered:
+    """What `make real-diagnosis` has left, on the pixels that it worked on.
+
+    Parameters
+    ----------
+    fitted, unseen : dict of str to tuple of HeightMap
+        Target and aligned recording by field.
+    seven, extended : function of HeightMap
+        Predict with the baseline, and with what was named.
+    """
+
+    fitted: dict[str, tuple[HeightMap, HeightMap]]
+    unseen: dict[str, tuple[HeightMap, HeightMap]]
+    seven: Predictor
+    extended: Predictor
+
+    @classmethod
+    def of(cls, run: Path) -> Answered:
+        """Read it."""
+        told = read_yaml(run / "diagnosis.yaml")
+        pitch, known = told["working_pitch_um"], {Path(name).parent.name for name in told["recordings"]}
+        fields = [path.parent for path in sorted(run.glob("*/aligned.tif"))]
+        maps = {field.name: tuple(resampled(one, pitch) for one in read_pair(field)) for field in fields}
+        extended = read_parameters(run / "extended.yaml")
+        extended = extended.decided("measurement") if extended.undecided else extended
+        paper = Paper(**{k: v["value"] for k, v in told["baseline"]["parameters"].items()})
+        seven = replace(extended, paper=paper, effects=(), undecided=None, intervals={}, bounds={})
+        parts = ({name: pair for name, pair in maps.items() if (name in known) == of} for of in (True, False))
+        return cls(*parts, _as_recorded(seven), _as_recorded(extended))
+
+
 def held_out_um(run: Path) -> dict[str, float]:
     """Return the errors on the fields that `make real-diagnosis` has held out, all predictions on the same footing, µm.
 
     On the pixels that the diagnosis worked on; offset and tilt of every field are free. The diagnosis's own figure lets
     registration give way as well, within what an alignment leaves.
     """
-    told = read_yaml(run / "diagnosis.yaml")
-    pitch, known = told["working_pitch_um"], {Path(name).parent.name for name in told["recordings"]}
-    maps = {
-        path.parent.name: [resampled(one, pitch) for one in read_pair(path.parent)]
-        for path in run.glob("*/aligned.tif")
+    found = Answered.of(run)
+    ways = baselines(list(found.fitted.values()))
+    ways |= {"seven parameters": found.seven, "with what was named": found.extended}
+    errors = {
+        name: [judged(way(target), aligned)[0] for target, aligned in found.unseen.values()]
+        for name, way in ways.items()
     }
-    fitted = [pair for name, pair in sorted(maps.items()) if name in known]
-    unseen = [pair for name, pair in sorted(maps.items()) if name not in known]
-    extended = read_parameters(run / "extended.yaml")
-    extended = extended.decided("measurement") if extended.undecided else extended
-    paper = Paper(**{k: v["value"] for k, v in told["baseline"]["parameters"].items()})
-    seven = replace(extended, paper=paper, effects=(), undecided=None, intervals={}, bounds={})
-    ways = baselines(fitted)
-    ways |= {"seven parameters": _as_recorded(seven), "with what was named": _as_recorded(extended)}
-    errors = {name: [judged(way(target), aligned)[0] for target, aligned in unseen] for name, way in ways.items()}
     return {name: float(np.sqrt(np.mean(np.square(own)))) for name, own in errors.items()}
 
 
