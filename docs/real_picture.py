@@ -1,4 +1,4 @@
-"""Draw the pictures of the real prints after `make real-diagnosis`: ``python docs/real_picture.py runs/real``."""
+"""Draw the pictures of the real prints after `make real-diagnosis`: ``python -m docs.real_picture runs/real``."""
 
 from __future__ import annotations
 
