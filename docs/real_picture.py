@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 import dlwpredict as dlw
 from dlwpredict.plots.panels import difference_limit, show_difference
@@ -66,5 +67,6 @@ def residual_nm(way: Predictor, target: dlw.HeightMap, aligned: dlw.HeightMap) -
 
 if __name__ == "__main__":
     run, docs = Path(sys.argv[1]), Path(__file__).parent
-    picture(run / "maps").savefig(docs / "real.png", dpi=70)
-    sheet(run).savefig(docs / "real-sheet.png", dpi=75)
+    for name, figure in (("real", picture(run / "maps")), ("real-sheet", sheet(run))):
+        figure.savefig(kept := docs / f"{name}.png", dpi=72)
+        Image.open(kept).convert("RGB").quantize(64).save(kept, optimize=True)
