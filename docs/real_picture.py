@@ -69,4 +69,4 @@ if __name__ == "__main__":
     run, docs = Path(sys.argv[1]), Path(__file__).parent
     for name, figure in (("real", picture(run / "maps")), ("real-sheet", sheet(run))):
         figure.savefig(kept := docs / f"{name}.png", dpi=72)
-        Image.open(kept).convert("RGB").quantize(64).save(kept, optimize=True)
+        Image.open(kept).convert("RGB").quantize(256).save(kept, optimize=True)
