@@ -7,6 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.alignment import align
+from dlwpredict.alignment.distortion import own_share
 from dlwpredict.alignment.evidence import explained_evidence
 from dlwpredict.alignment.fill import fill, inside_hull
 from dlwpredict.alignment.level import find_plane, substrate
@@ -15,6 +16,7 @@ from dlwpredict.alignment.pose import Pose, rotation_matrix
 from dlwpredict.alignment.refine import Level, refine
 from dlwpredict.alignment.resample import prepared, resample
 from dlwpredict.alignment.spikes import suspected_spikes
+from dlwpredict.alignment.surface import Surface, grid_um
 from dlwpredict.alignment.uncertainty import block_covariance
 from dlwpredict.effects.line_length_error import LineLengthError
 from dlwpredict.heightmap import HeightMap
@@ -58,6 +60,19 @@ def test_pose_derivatives_match_differences():
         for k, step in enumerate(1e-6 * np.eye(count)):
             moved = np.subtract(pose.moved(step).to_recording(x, y), pose.to_recording(x, y)) / 1e-6
             np.testing.assert_allclose(jacobian[k], moved, atol=1e-4)
+
+
+def test_a_bow_is_judged_by_itself_beside_a_scale():
+    """A lens 5 % wider is a wider lens, a bent one is not a lens: what the first may be says nothing of the second."""
+    lens = designs.lens(size_um=24.0, pitch_um=0.4, margin_um=5.0, base_um=3.0, height_um=3.0)
+    target = Surface(lens.heights_um, np.ones(lens.shape), 0.4, 0.4)
+    shares = {}
+    for scale in (1.0, 1.05):
+        bent = Pose((0.0, 0.0), ((scale, 0.0), (0.0, scale)), ((0.1, 0.0, 0.0), (0.0, 0.0, 0.0)), reach_um=(17.0, 17.0))
+        heights, support = target.at(*bent.to_target(*grid_um((42.0, 42.0), 0.4)))
+        seen = Surface(np.where(support > 0.5, heights, 0.0), np.ones(heights.shape), 0.4, 0.4)
+        shares[scale] = own_share(refine(Level.of(seen, target, 0.4), bent, "bow"), "bow")
+    assert shares[1.05] > 0.5 * shares[1.0] > 0.1
 
 
 def test_fill_keeps_a_tilted_plane_and_never_leaves_the_hull():
