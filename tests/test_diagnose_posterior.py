@@ -222,9 +222,8 @@ def search(gains, cost=1000.0, **spread):
         return SimpleNamespace(cost=cost - gain, parameters=parameters, nuisances=True, promise=0.0, free=free)
 
     fitted = {frozenset(names): fit(names, gain) for names, gain in ({(): 0.0} | gains).items()}
-    return Toy(
-        None, None, fitted[frozenset()], {}, fitted=fitted, spread={k.replace("_", "-"): v for k, v in spread.items()}
-    )
+    some = {name.replace("_", "-"): value for name, value in spread.items()}
+    return Toy(SimpleNamespace(), None, fitted[frozenset()], {}, fitted=fitted, spread=some)
 
 
 CURL, FIELD, DARK = ("curl",), ("field-curvature",), ("vignetting",)
@@ -293,6 +292,27 @@ class TestSearch:
         )
         found._settle_beside(frozenset(CURL))
         assert converged == [found.fitted[frozenset(DARK)]] * settled
+
+    @pytest.mark.parametrize(
+        ("names", "gain", "settled"),
+        [
+            (CURL + DARK, 10079.0, True),  # in the place of 100: within 2 · (6 + 5) of 10100
+            (CURL + DARK, 10077.0, False),
+            (FIELD + DARK, 9089.0, True),  # in that of 10000: within 2 · (6 + 500)
+            (FIELD + DARK, 9087.0, False),
+            (DARK, 9590.0, True),  # in that of both: within 6 + 505
+            (DARK, 9588.0, False),
+            (CURL, 9079.0, True),  # what the other brings beside it is asked of all that both explain
+        ],
+    )
+    def test_what_matters_goes_with_what_it_is_in_the_place_of(self, names, gain, settled):
+        found, converged = search({CURL: 10000.0, FIELD: 100.0, CURL + FIELD: 10100.0} | {names: gain}), []
+        asked = found.fitted[frozenset(names)]
+        found.fitter = SimpleNamespace(
+            settled=lambda fit: fit is not asked, settle=lambda fits: converged.extend(fits) or fits
+        )
+        found.settle(frozenset(CURL + FIELD), [frozenset(names)])
+        assert converged == [asked] * settled
 
     @pytest.mark.parametrize("settled", [False, True])
     def test_a_reduced_model_is_begun_where_the_set_was_fitted_once_unless_it_is_converged(self, settled):
@@ -449,6 +469,15 @@ class TestSearch:
         whole = SimpleNamespace(**vars(found.fitted[frozenset(CURL)]))
         found.keep([whole])
         assert found.fitted[frozenset(CURL)] is whole
+
+    def test_fits_are_told_what_the_best_of_all_explains(self):
+        """A descent goes no further than sets are told apart."""
+        found = search({CURL: 30.0})
+        better = search({FIELD: 40.0}).fitted[frozenset(FIELD)]
+        found.keep([better])
+        assert found.fitter.explained == 40
+        found.keep([found.fitted[frozenset(CURL)]])
+        assert found.fitter.explained == 40
 
     def test_a_set_with_an_effect_that_came_out_off_is_none(self):
         """It would be taken for the smaller set in the next search, and that one would be unknown there."""

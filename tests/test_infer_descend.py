@@ -68,6 +68,7 @@ class Banana:
     )
     jacobians: int = 0
     places: int = 0
+    explained: float = 0.0
 
     def at(self, free: Free, vector: np.ndarray, near: Fit | None = None) -> Fit:
         self.places += 1
@@ -90,6 +91,16 @@ class Flat(Banana):
     def differentiated(self, now: Fit) -> Fit:
         self.jacobians += 1
         return replace(now, jacobian=np.array([[0.9, 0.0], [0.0, 0.0], [0.0, 0.0]]))
+
+
+def test_a_descent_goes_no_further_than_models_are_told_apart():
+    """Of 12.1 a step along the valley's floor promises 9: not worth taking where another model has explained 1e4."""
+    costs = []
+    for explained in (0.0, 1e4):
+        valley = Banana(explained=explained)
+        begun = valley.differentiated(valley.at(valley.free, np.array((-2.0, 4.0))))
+        costs.append(descend(valley, begun).cost)
+    assert costs[0] < 0.01 and costs[1] == 9
 
 
 def test_a_descent_ends_where_derivatives_computed_there_promise_little_that_does_not_come_true():
@@ -194,13 +205,20 @@ class TestFitter:
         assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
 
     @pytest.mark.parametrize(
-        ("data", "promises", "renewed"),
-        [(20, [5.0], 0), (20, [7.0, 5.0], 1), (20, [7.0, 7.0], 2), (20, [9.0] * 9, 2), (-9990, [9.0] * 9, 0)],
+        ("data", "explained", "promises", "renewed"),
+        [
+            (20, 0.0, [5.0], 0),
+            (20, 0.0, [7.0, 5.0], 1),
+            (20, 0.0, [7.0, 7.0], 2),
+            (20, 0.0, [9.0] * 9, 2),
+            (-9990, 0.0, [9.0] * 9, 0),
+            (20, 1e4, [9.0] * 9, 0),
+        ],
     )
     def test_a_quick_fit_goes_on_with_derivatives_anew_while_its_tangent_promises_more(
-        self, monkeypatch, data, promises, renewed
+        self, monkeypatch, data, explained, promises, renewed
     ):
-        """More than tells two models apart, or than a thousandth of what the model is wrong by, here 10."""
+        """More than tells two models apart, or than a thousandth of what the model is or was wrong by, here 10."""
         rows = Rows((data,), (0,), 0)
         left, hurried, fit = (
             iter([*promises, promises[-1]]),
@@ -212,7 +230,8 @@ class TestFitter:
         monkeypatch.setattr(
             fitting, "_hurried", lambda o, begun, like: hurried.append(begun.cost) or fit(begun.cost - 1)
         )
-        objective = SimpleNamespace(differentiated=lambda fit: fit, work=SimpleNamespace(predictions=0.0))
+        work = SimpleNamespace(predictions=0.0)
+        objective = SimpleNamespace(differentiated=lambda fit: fit, work=work, explained=explained)
         starts = [SimpleNamespace(cost=cost, parent=None) for cost in (30.0, 20.0)]
         found, _ = fitting._quick(objective, None, starts)
         assert found.cost == 19 - renewed
@@ -228,6 +247,18 @@ class TestFitter:
         (found,) = Fitter(objective, free).contest([[Start(begun)]]).values()
         (effect,) = found.parameters.effects
         assert effect.log_ratio == pytest.approx(-0.3, abs=0.03) and effect.angle_deg == pytest.approx(65, abs=3)
+
+    def test_what_is_said_in_the_end_is_known_to_its_own_accuracy(self, air, printed):
+        """Whatever others explain; and where nothing is left to gain, nothing is computed."""
+        objective = objective_of(air, printed)
+        rough = Fitter(objective, choose(LOW, free=KAPPAS), explained=1e8)
+        coarse = rough.best(Start(LOW))
+        fine = rough.polished(coarse)
+        assert coarse.cost > fine.cost + 1
+        np.testing.assert_allclose(fine.vector, [0.74, 0.96], atol=1e-3)
+        assert rough.best(Start(LOW)) is fine
+        spent = objective.work.predictions
+        assert rough.polished(fine) is fine and objective.work.predictions == spent
 
     def test_only_what_is_asked_for_is_converged(self, monkeypatch):
         costs, converged = {"shrinkage_min": 9.0, "shrinkage_max": 8.0, "threshold": 60.0}, []

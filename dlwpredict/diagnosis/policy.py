@@ -47,7 +47,7 @@ recording's points that one may have: what is wider is no spot. 0.1 and 0.5 answ
 
 REACH = 2.0
 """Refits are brought to convergence where they come within so many class widths of the best set: a quick fit may be
-one of them too high."""
+one of them too high, and within the other one a look-alike matters. What is none matters only as the best."""
 
 SHORT = 0.3
 """Share of the best gain that the quick fit of a first effect may fall short by and still be looked at again beside

@@ -133,6 +133,11 @@ class Refits:
             self.fitted[names] = self.fitter.best(Start(self.fitted[names].parameters))
         return self.fitted[names]
 
+    def polish(self, names: Names) -> None:
+        """Bring a set to the accuracy of its own standard deviations: it is what is said in the end."""
+        if names:
+            self.fitted[names] = self.fitter.polished(self.fitted[names])
+
     def settled(self, names: Names) -> bool:
         """Tell whether the best fit of a set is known, not only a quick one."""
         return self.fitter.settled(self.fitted[names])
@@ -188,15 +193,20 @@ class Refits:
     def _limit(self, names: Names, costs: Mapping[Names, float], beside: Names) -> float:
         """Return the highest cost at which a set matters beside the best one.
 
-        In the place of an effect, one that comes near; as one more, one that may gain half of what it needs.
+        As one more effect, one that may gain half of what it needs. With fewer effects, one that says what those left
+        out gain: as much as the form of all may be wrong is asked of them. In the place of one, a look-alike, whose
+        form is compared with that one's alone. In the place of several it matters only where it may be the best.
         """
         size = max(len(beside), 1)
-        least = min([self.fitted[beside].cost, *(cost for other, cost in costs.items() if len(other) == size)])
-        more = len(names) - size
-        if more > 0:
+        leader = min([beside, *(other for other in costs if len(other) == size)], key=lambda other: costs[other])
+        least = costs[leader]
+        if len(names) > size:
             return least - policy.HALF * (self.price(len(names)) - self.price(size))
-        gain = max(self.baseline.cost - least, 0.0)
-        return least + policy.REACH * (policy.WIDTH + policy.FORM_ERROR * gain)
+        fewer = names <= leader
+        beyond = self.fitted.get(frozenset() if fewer else names & leader, self.baseline)
+        gain = max(beyond.cost - least, 0.0)
+        reach = policy.REACH if fewer or len(leader - names) <= 1 else policy.REACH / 2
+        return least + reach * (policy.WIDTH + policy.FORM_ERROR * gain)
 
     def keep(self, fits: Iterable[Fit]) -> None:
         """Keep the best fit of every set, by whatever switches of its effects; of equal ones the one that came last.
@@ -207,3 +217,4 @@ class Refits:
             names = self.names(fit.parameters)
             if names not in self.fitted or self.priced(fit) <= self.priced(self.fitted[names]):
                 self.fitted[names] = fit
+        self.fitter.explained = self.baseline.cost - min(fit.cost for fit in self.fitted.values())

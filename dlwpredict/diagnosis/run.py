@@ -174,6 +174,7 @@ def diagnose(
         if blemish or best != beside:  # one more switch of the same effects leaves the noise as it is
             better, first, ended = noise_beside(search.fitted[best]), baseline, search.near(best)
     tell(Stage.of("judgement", "judging what is left"))
+    search.polish(best)
     answer = judge.answer(search, best, complete=True)
     keep(answer)
     return answer

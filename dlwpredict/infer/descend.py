@@ -22,8 +22,9 @@ GAIN = 0.1
 deviation of one parameter costs."""
 
 MISFIT = 1e-3
-"""... or than this share of what the residual exceeds its noise by: a model that lacks something need not be known to a
-standard deviation."""
+"""... or than this share of what the residual exceeds its noise by, or of what another model has explained: one that
+lacks something need not be known to a standard deviation, and models are told apart by no less than fifty times this
+share (`diagnosis.policy.FORM_ERROR`)."""
 
 STALLED = 1.0
 """... or has come true by less, with a Jacobian computed there, though it promised up to so much: finite differences
@@ -57,7 +58,7 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
     damping, fresh = 1e-6, not secant
     for _ in range(steps):
         vector, promised = _step(now, damping)
-        least = tolerance(now, gain)
+        least = tolerance(objective, now, gain)
         trial = _lower(objective, now, vector, damping) if promised >= least else None
         if trial is None and not (fresh or secant):
             now, fresh = objective.differentiated(now), True
@@ -74,9 +75,9 @@ def descend(objective: Objective, now: Fit, *, secant: bool = False, steps: int 
     return now
 
 
-def tolerance(now: Fit, gain: float) -> float:
-    """Return what a step must promise to be worth taking: a gain, or a share of what the model is wrong by."""
-    return max(gain, MISFIT * (now.cost - now.rows.data))
+def tolerance(objective: Objective, now: Fit, gain: float) -> float:
+    """Return what a step must promise to be worth taking: a gain, or a share of what a model is or was wrong by."""
+    return max(gain, MISFIT * max(now.cost - now.rows.data, objective.explained))
 
 
 def promised(now: Fit) -> float:

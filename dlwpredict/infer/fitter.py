@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dlwpredict.infer.descend import descend, promised, tolerance
+from dlwpredict.infer.descend import GAIN, descend, promised, tolerance
 from dlwpredict.infer.free import Free
 from dlwpredict.infer.model import Key, key_of, moving
 from dlwpredict.infer.objective import Fit, Objective, Work
@@ -77,6 +77,8 @@ class Fitter:
         Best fits by model.
     quick : dict
         Quick fits by model.
+    explained : float
+        2 ln L that the best model so far has beyond the baseline.
     """
 
     objective: Objective
@@ -85,6 +87,7 @@ class Fitter:
     stored: dict[str, Any] = field(default_factory=dict)
     known: dict[Key, Fit] = field(default_factory=dict)
     quick: dict[Key, Fit] = field(default_factory=dict)
+    explained: float = 0.0
 
     def free(self, parameters: ParameterSet) -> Free:
         """Return what moves in a model."""
@@ -132,6 +135,14 @@ class Fitter:
         self._converge({key: own for key, own in models.items() if key not in self.known})
         return [self.known[key_of(fit.free)] for fit in fits]
 
+    def polished(self, fit: Fit) -> Fit:
+        """Return a converged fit to the accuracy of its own standard deviations, whatever others explain."""
+        if promised(fit) < tolerance(self.objective, fit, GAIN):
+            return fit
+        key = key_of(fit.free)
+        self.known |= self._carried_out(_polished, {key: (fit,)})
+        return self.known[key]
+
     def _converge(self, models: Mapping[Key, Sequence[Start]]) -> None:
         """Bring models to convergence."""
         self.known |= self._carried_out(_best, {key: (tuple(own), self.quick.get(key)) for key, own in models.items()})
@@ -153,8 +164,8 @@ class Fitter:
 
     def _alone(self) -> Objective:
         """Return the objective with work of its own, so that it can be counted in another process."""
-        work = self.objective.work
-        return replace(self.objective, work=replace(work, predictions=0.0) if self.workers is ALONE else Work())
+        work = replace(self.objective.work, predictions=0.0) if self.workers is ALONE else Work()
+        return replace(self.objective, work=work, explained=self.explained)
 
     def _shared(self, found: Fit) -> Fit:
         """Return a fit that another process has made with the recordings of this one, in place of copies of its own."""
@@ -178,7 +189,7 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
         begun = objective.differentiated(objective.at(best.free, vector, parent))
         best = min(best, _hurried(objective, begun, like), key=lambda one: one.cost)
     best, renewed = replace(best, promise=promised(best)), 0
-    while best.promise >= tolerance(best, QUICK_GAIN) and renewed < RENEWED:
+    while best.promise >= tolerance(objective, best, QUICK_GAIN) and renewed < RENEWED:
         best, renewed = _hurried(objective, objective.differentiated(best), like), renewed + 1
         best = replace(best, promise=promised(best))
     return best, objective.work.predictions
@@ -236,6 +247,11 @@ def _converged(objective: Objective, fit: Fit, like: Free) -> Fit:
     """Descend with derivatives taken anew, past the ends of ranges that nature does not end."""
     go = partial(descend, objective)
     return _elsewhere(objective, go(objective.differentiated(fit)), like, go)
+
+
+def _polished(objective: Objective, _: Free, fit: Fit) -> tuple[Fit, float]:
+    """Go on from a converged fit with what a descent asks of a model alone."""
+    return descend(replace(objective, explained=0.0), fit), objective.work.predictions
 
 
 def _elsewhere(objective: Objective, found: Fit, like: Free, go: Callable[[Fit], Fit]) -> Fit:

@@ -199,12 +199,15 @@ class Objective:
         Priors of parameters.
     work : Work
     numerics : Levels
+    explained : float
+        2 ln L that some model has beyond another: what models are told apart by goes with it.
     """
 
     data: tuple[Whitened, ...]
     known: Mapping[str, Prior] = field(default_factory=lambda: PARAMETERS)
     work: Work = field(default_factory=Work)
     numerics: Levels = field(default_factory=Levels)
+    explained: float = 0.0
 
     @cached_property
     def rows(self) -> Rows:
