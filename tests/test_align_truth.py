@@ -15,6 +15,7 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 from tests.bench.recorder import Truth, record
+from tests.press import microscope
 
 SMALL = {"size_um": 30.0, "pitch_um": 0.3, "margin_um": 6.0}
 EASY = Truth(pitch_um=(0.3, 0.3), field_um=(50.0, 50.0))
@@ -105,6 +106,21 @@ def test_an_axis_that_does_not_move_evenly_is_noticed(cubic_um):
     x, y = grid_um((40.0, 40.0), 1.0)
     there = np.subtract(found.pose.to_recording(x, y), truth.to_recording(x, y))
     assert np.abs(there).max() < 0.01
+
+
+@pytest.mark.slow
+def test_the_virtual_microscope_moves_unevenly_too():
+    """By a wave over its field, 0.15 µm of it: a cubic and a scale leave less than 0.04 µm of the way."""
+    air = designs.air(size_um=40.0, pitch_um=0.25, margin_um=5.0, base_um=2.0, correlation_um=2.0, seed=4)
+    lies = microscope.Pose(shift_um=(1.0, -0.5), rotation_deg=2.0, uneven_um=(0.15, 0.0))
+    scope = microscope.Microscope(field_um=(60.0, 60.0), pose=lies, noise=microscope.Noise(0.01, 0.5, row_um=0.005))
+    seen = microscope.measure(air.heights_um, 0.25, 0.25, scope, seed=3)
+    found = align(HeightMap(seen.heights, seen.dx_um, seen.dy_um), air)
+    assert found.distortion == "cubic"
+    x, y = found.pose.to_recording(*grid_um((40.0, 40.0), 1.0))
+    there = x + 0.15 * np.sin(2 * np.pi * x / 60), y  # where the instrument is when it believes to be at x, y
+    true = Pose.rigid((1.0, -0.5), 2.0).to_recording(*grid_um((40.0, 40.0), 1.0))
+    assert np.abs(np.subtract(there, true)).max() < 0.04
 
 
 @pytest.mark.slow

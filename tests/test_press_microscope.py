@@ -42,6 +42,15 @@ def test_feature_lies_where_the_truth_says(angle, pitch):
     assert place(seen.heights, *pitch) == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.parametrize("x", [-21.0, -9.0, 12.0])
+def test_an_axis_that_does_not_move_evenly_sees_a_feature_early_where_it_runs_ahead(x):
+    """It is at x where it believes to be x - a sin(2 pi x / 60), to first order, and as it says along y."""
+    pose = Pose(uneven_um=(0.3, 0.0))
+    seen = measure(bump(x, 4, shape=(131, 151)), 0.4, 0.4, Microscope(field_um=(60, 60), pose=pose))
+    assert place(seen.heights, 0.4, 0.4) == pytest.approx((x - 0.3 * np.sin(2 * np.pi * x / 60), 4), abs=0.02)
+    assert seen.truth["uneven_um"] == [0.3, 0.0]
+
+
 def test_mirrored_file_turned_back_has_the_true_pose():
     pose = Pose(shift_um=(2.0, 1.0), rotation_deg=20)
     plain = measure(bump(6, 4), 0.4, 0.4, Microscope(pose=pose))

@@ -177,6 +177,10 @@ def test_shares_of_the_mix_are_those_of_the_issue():
     assert share(lambda one: one.form, others) == pytest.approx(0.5, abs=0.1)
     assert all(one.form and not one.hidden for one in cases if one.kind == "form")
     assert all(not one.noise["row_um"] or ROW_UM[0] <= one.noise["row_um"] <= ROW_UM[1] for one in cases)
+    rows = [one for one in raw if one.noise["row_um"]]
+    assert share(lambda one: one.raw["uneven_um"], rows) == pytest.approx(0.5, abs=0.2)
+    assert all(0.05 <= abs(one.raw["uneven_um"]) <= 0.2 for one in rows if one.raw["uneven_um"])
+    assert not any(one.raw["uneven_um"] for one in raw if not one.noise["row_um"])
     assert share(lambda one: abs(one.raw["turn_deg"]) <= 8, raw) == pytest.approx(0.5, abs=0.15)
     assert all(abs(one.raw["turn_deg"]) <= 8 or {s["kind"] for s in one.structures} <= set(structures.UPRIGHT)
                for one in raw)  # fmt: skip

@@ -1,7 +1,8 @@
 """The microscope: looks at a part at an angle, on its own pixels, with its own faults.
 
 A part's point p (from the part's centre, y up) is recorded at q = shift + R(rotation) diag(scale) p from the
-recording's centre, the meaning of align.yaml. The recorded height is then
+recording's centre, the meaning of align.yaml. An axis that does not move evenly believes to be at q where it is at
+q + a sin(pi q / h), h half the field along it. The recorded height is then
 
     t = mean of the surface over the pixel + offset + 1e-3 (tilt_x q_x + tilt_y q_y)
 
@@ -27,6 +28,7 @@ class Pose:
     rotation_deg: float = 0.0  # counter-clockwise seen from above
     scale: tuple = (1.0, 1.0)
     mirrored: bool = False  # the file is stored with left and right exchanged
+    uneven_um: tuple = (0.0, 0.0)  # by how much the axes x and y of the instrument are off, at most
     tilt_mrad: tuple = (0.0, 0.0)  # of the recording along its own x and y
     offset_um: float = 0.0
 
@@ -123,7 +125,7 @@ def _camera(scope, sample):
 
 def _look(surface, sample, grid, pose, effects):
     """Return the mean of the surface over each recorded pixel."""
-    moved = pose.shift_um != (0.0, 0.0) or pose.rotation_deg or pose.scale != (1.0, 1.0)
+    moved = pose.shift_um != (0.0, 0.0) or pose.rotation_deg or pose.scale != (1.0, 1.0) or any(pose.uneven_um)
     warped = any(type(item).place is not MeasureEffect.place and item != type(item)() for item in effects)
     same = surface.shape == (len(grid.y), len(grid.x)) and (grid.dx, grid.dy) == (sample.dx, sample.dy)
     if same and not moved and not warped:
@@ -136,7 +138,7 @@ def _look(surface, sample, grid, pose, effects):
             x, y = np.meshgrid(grid.x + step_x, grid.y + step_y)
             for item in effects:
                 x, y = item.place(x, y)
-            total += reader.at(*_on_part(x, y, pose))
+            total += reader.at(*_on_part(*_reached(x, y, grid, pose), pose))
     return total / (parts_x * parts_y)
 
 
@@ -149,6 +151,13 @@ def _parts(coarse, fine):
 def _sub_steps(pitch, parts):
     """Return the offsets of the sub-pixel centres."""
     return (np.arange(parts) - (parts - 1) / 2) * pitch / parts
+
+
+def _reached(x, y, grid, pose):
+    """Return where the instrument is when it believes to be at x and y: off by one wave over the field."""
+    fields = len(grid.x) * grid.dx, len(grid.y) * grid.dy
+    off = (a * np.sin(2 * np.pi * q / field) for a, q, field in zip(pose.uneven_um, (x, y), fields, strict=True))
+    return tuple(q + more for q, more in zip((x, y), off, strict=True))
 
 
 def _on_part(x, y, pose):
@@ -184,6 +193,7 @@ def _truth(pose, stored, seed):
         "rotation_deg": float(pose.rotation_deg),
         "scale": [float(value) for value in pose.scale],
         "mirrored": bool(pose.mirrored),
+        "uneven_um": [float(value) for value in pose.uneven_um],
         "tilt_mrad": [float(value) for value in pose.tilt_mrad],
         "offset_um": float(pose.offset_um),
         "missing_fraction": float(np.isnan(stored).mean()),

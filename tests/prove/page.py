@@ -32,7 +32,8 @@ One to three random structures per case (CIN of 60 to 80 um, AIR of 80 to 100, l
 level, kind and length of correlation. A further structure is printed too and kept from the program. Half of the cases
 are recorded raw: on a field larger than the part, on the microscope's own pixels, turned, shifted and tilted;
 `dlwpredict align` lays them on their targets first. A
-quarter has noise of rows besides. In half of the cases the press's process differs mildly in form from the seven's
+quarter has noise of rows besides, and of these, where raw, every second one a fast axis that is off by 0.05 to 0.2 um
+along its way. In half of the cases the press's process differs mildly in form from the seven's
 model (focus with tails, conversion that follows the dose, layers that the base holds, cross-linking with tails).
 
 The *detection limit* of a case: the strength at which the change of its recordings, beside everything that the seven

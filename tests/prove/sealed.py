@@ -287,6 +287,7 @@ def _used(drawn: Draw, part: HeightMap, entries: Sequence[dict], rng: np.random.
         pose = {
             "shift_um": ((field_um - reach) * rng.uniform(-0.4, 0.4, 2)).tolist(), "rotation_deg": turn_deg,
             "tilt_mrad": rng.uniform(-5, 5, 2).tolist(), "offset_um": float(rng.uniform(-1, 1)),
+            "uneven_um": [drawn.raw["uneven_um"], 0.0],
         }  # fmt: skip
         grid = {"pitch_um": [pitch_um] * 2, "field_um": field_um.tolist()}
     else:
