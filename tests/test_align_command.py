@@ -49,6 +49,7 @@ def test_a_wrong_pitch_is_named(pair, stated, pitch, narrower):
     assert ("is its pixel pitch right" in done.stderr) is pitch
     assert all(f"2 % narrower than the target along {axis}" in done.stderr for axis in "xy") is narrower
     assert ("certified pitch" in done.stderr) is narrower
+    assert ("a print that shrinks sideways" in done.stderr) is narrower
 
 
 def test_a_recording_without_a_pitch_is_sent_to_convert(pair):

@@ -84,11 +84,14 @@ def run(
     if strain > WRONG_PITCH:
         warn(f"{recording}: scale off by {100 * strain:.0f} %: is its pixel pitch right (convert --pitch-um)?")
     else:
-        for axis, scale, sd in zip("xy", alignment.pose.scale, alignment.uncertainty["scale"], strict=True):
-            if abs(scale - 1) > SURELY * hypot(CERTIFIED, sd):
-                said = f"{abs(100 * (scale - 1)):.2g} % {'narrower' if scale < 1 else 'wider'}"
-                leaves = "more than a certified pitch leaves open; it is taken out here"
-                warn(f"{recording}: {said} than the target along {axis}, {leaves}")
+        scales = zip("xy", alignment.pose.scale, alignment.uncertainty["scale"], strict=True)
+        off = {axis: scale for axis, scale, sd in scales if abs(scale - 1) > SURELY * hypot(CERTIFIED, sd)}
+        for axis, scale in off.items():
+            said = f"{abs(100 * (scale - 1)):.2g} % {'narrower' if scale < 1 else 'wider'}"
+            leaves = "more than a certified pitch leaves open; it is taken out here"
+            warn(f"{recording}: {said} than the target along {axis}, {leaves}")
+        if len(off) == 2 and max(off.values()) < 1:
+            warn(f"{recording}: a print that shrinks sideways is so too; --distortion rigid leaves that to diagnose")
     for name, test in alignment.distortion_test.items():
         if test["untold"]:
             said = f"{test['untold_px']:.2g} pixels at the rim may be the print's own form as well, and stay in it"
