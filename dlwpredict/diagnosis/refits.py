@@ -136,7 +136,7 @@ class Refits:
     def polish(self, names: Names) -> None:
         """Bring a set to the accuracy of its own standard deviations: it is what is said in the end."""
         if names:
-            self.fitted[names] = self.fitter.polished(self.fitted[names])
+            self.fitted[names] = self.fitter.polished(self.converged(names))
 
     def settled(self, names: Names) -> bool:
         """Tell whether the best fit of a set is known, not only a quick one."""
