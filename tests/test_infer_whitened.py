@@ -274,6 +274,8 @@ def test_pixels_are_no_part_of_the_width(seed):
 class Misled:
     """Residual 1 + u, with a derivative of the wrong sign: every step that it promises climbs."""
 
+    explained = 0.0
+
     def at(self, free, vector, near=None):
         layout, none = Rows((1,), (0,), 0), (np.zeros((1, 0)),)
         nothing = Nuisances(layout, none, (np.zeros((0, 0)),))
