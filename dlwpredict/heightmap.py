@@ -32,11 +32,14 @@ class Instrument:
         None where there is none, or none is known.
     pitch_um : float, optional
         Pitch that it recorded with, the larger where it is not the same along x and y; None where it is the map's.
+    scale : float
+        By this factor it showed the map narrower along both axes than the target, which an alignment has taken out; a
+        print that shrinks sideways is so, too. 1 where nothing was.
 
     Raises
     ------
     InputError
-        Another kind, a direction that is not finite, or a pitch that is not positive.
+        Another kind, a direction that is not finite, a pitch that is not positive, or a scale that is not up to 1.
 
     Examples
     --------
@@ -47,6 +50,7 @@ class Instrument:
     kind: str = "unknown"
     fast_axis_deg: float | None = None
     pitch_um: float | None = None
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.kind not in INSTRUMENTS:
@@ -61,6 +65,8 @@ class Instrument:
             raise InputError(
                 f"found {self.pitch_um:g}", key="instrument_pitch_um", allowed="allowed: a positive number"
             )
+        if not 0 < self.scale <= 1:
+            raise InputError(f"found {self.scale:g}", key="instrument_scale", allowed="allowed: above 0, up to 1")
 
     def turned(self, angle_deg: float) -> Instrument:
         """Return the instrument in the frame of a map that was turned by an angle, counter-clockwise."""

@@ -84,6 +84,20 @@ def test_scale_is_noticed_and_a_rigid_pose_is_left_rigid():
     assert plain.pose.scale == pytest.approx((1.0, 1.0))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scale", "distortion", "left"),
+    [((0.985, 0.99), "auto", 0.99), ((0.985, 0.99), "affine", 1.0), ((0.98, 1.003), "auto", 1.0)],
+)
+def test_what_is_narrower_along_both_axes_may_be_the_print_s(scale, distortion, left):
+    """Unless its user says that it is the instrument's; a print does not grow."""
+    air = designs.air(size_um=40.0, pitch_um=0.3, margin_um=0.0, base_um=0.5, correlation_um=3.0, seed=2)
+    inner = air.with_heights(air.heights_um[15:-15, 15:-15])
+    found = align(recorded(air, scale=scale, field_um=(42.0, 42.0)), inner, distortion=distortion)
+    assert found.aligned.instrument.scale == pytest.approx(left, abs=5e-4)
+    assert found.as_dict()["instrument_scale"] == found.aligned.instrument.scale
+
+
 def moved(cubic_um) -> tuple[HeightMap, HeightMap, Pose]:
     """Record a rough surface by an instrument whose axes err by a cubic; return the recording, the target, the pose."""
     air = designs.air(size_um=46.0, pitch_um=0.2, margin_um=0.0, base_um=0.5, correlation_um=1.5, seed=2)

@@ -15,6 +15,7 @@ from dlwpredict.diagnosis.structure.registrations import Registration, chance_of
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.objective import Objective
+from dlwpredict.infer.priors import NUISANCES
 from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
@@ -77,15 +78,21 @@ def test_one_that_lies_where_it_should_says_nothing():
     assert lying().p_value > 0.5
 
 
+def of(pair, moved_by):
+    """Return how a recording lies that an alignment has left as open as any."""
+    return Registration(pair, moved_by, {name: NUISANCES[name][1] for name in moved_by})
+
+
 def test_the_probability_is_that_of_the_farthest_of_all_that_may_move():
-    one = Registration(0, {"scale_x": 0.006, "shift_x": 1.0, "rotation": 0.0})
+    one = of(0, {"scale_x": 0.006, "shift_x": 1.0, "rotation": 0.0})
     assert one.far == pytest.approx({"scale_x": 3.0, "shift_x": 1.0, "rotation": 0.0})
     assert one.p_value == pytest.approx(3 * 2 * stats.norm.sf(3.0))
-    assert Registration(0, {"scale_x": 0.001, "shift_x": 0.0}).p_value == 1.0
+    assert of(0, {"scale_x": 0.001, "shift_x": 0.0}).p_value == 1.0
+    assert replace(one, left_open={"scale_x": 0.006, "shift_x": 1.0, "rotation": 1.0}).far["scale_x"] == 1.0
 
 
 def test_the_least_likely_of_several_counts_as_one_of_several():
-    some = [Registration(k, {"shift_x": shift}) for k, shift in enumerate((0.5, 3.0, 1.0))]
+    some = [of(k, {"shift_x": shift}) for k, shift in enumerate((0.5, 3.0, 1.0))]
     worst, p_value = chance_of(some)
     assert worst.pair == 1
     assert p_value == pytest.approx(3 * 2 * stats.norm.sf(3.0))
@@ -93,7 +100,7 @@ def test_the_least_likely_of_several_counts_as_one_of_several():
 
 
 def test_a_recording_taken_at_its_word_has_none():
-    item = SimpleNamespace(nuisances=("offset", "tilt_x"), known=lambda: np.zeros(2))
+    item = Whitened.of(replace(prepare(TARGET, TARGET), nuisances=("offset", "tilt_x")), Uneven(NOISE))
     assert registrations(SimpleNamespace(data=[item], coefficients=[np.ones(2)])) == []
 
 
@@ -107,7 +114,7 @@ def test_a_recording_taken_at_its_word_has_none():
     ],
 )
 def test_how_it_lies_is_said_in_words(moved, said):
-    assert _lies(Registration(0, moved)) == said
+    assert _lies(of(0, moved)) == said
 
 
 def test_recordings_held_out_are_levelled_by_least_squares():

@@ -42,12 +42,26 @@ class TestFiles:
         write_height_map(path, MAP)
         assert read_height_map(path).instrument == MAP.instrument
 
+    def test_what_may_be_the_print_s_comes_back(self, tmp_path):
+        path = tmp_path / "map.tif"
+        write_height_map(path, replace(MAP, instrument=Instrument(scale=0.99)))
+        assert read_height_map(path).instrument == Instrument(scale=0.99)
+
     def test_a_file_says_nothing_of_an_unknown_one(self, tmp_path):
         path = tmp_path / "map.txt"
         write_height_map(path, HeightMap(MAP.heights_um, 0.2, 0.3))
         assert "instrument" not in path.read_text()
 
-    @pytest.mark.parametrize("line", ["instrument=camera", "instrument_fast_axis_deg=left", "instrument_pitch_um=0"])
+    @pytest.mark.parametrize(
+        "line",
+        [
+            "instrument=camera",
+            "instrument_fast_axis_deg=left",
+            "instrument_pitch_um=0",
+            "instrument_scale=-1",
+            "instrument_scale=1.01",
+        ],
+    )
     def test_a_line_that_makes_no_sense_is_refused(self, tmp_path, line):
         path = tmp_path / "map.txt"
         path.write_text(f"# pitch_x_um=0.2\n# pitch_y_um=0.2\n# {line}\n1 2\n3 4\n")

@@ -118,7 +118,7 @@ class TestNuisances:
     def test_free_shift_takes_out_what_registration_left(self, air, printed):
         moved = printed.heights_um - 0.04 * gradient(printed.heights_um, 0.5, 1)
         found = objective_of(prepare(air, printed.with_heights(moved)), sigma_um=1e-3).at(SEVEN, SEVEN.start)
-        assert found.data[0].shift_um == pytest.approx((0.04, 0.0), abs=2e-3)
+        assert found.data[0].place[:2] == pytest.approx((0.04, 0.0), abs=2e-3)
         fixed = replace(prepare(air, printed.with_heights(moved)), nuisances=())
         assert found.rmse_um() < 0.1 * objective_of(fixed).at(SEVEN, SEVEN.start).rmse_um()
 
@@ -172,7 +172,7 @@ class TestDerivatives:
         recording = prepare(air, printed.with_heights(1.001 * printed.heights_um), free_shift=free_shift)
         first, other = objective_of(recording), Whitened.of(recording, Uneven(Noise(0.004, 0.01, 1.0, 0.5, 0.5)))
         now = first.differentiated(first.at(SEVEN, SEVEN.start))
-        second = Objective((replace(other, shift_um=now.data[0].shift_um),))
+        second = Objective((replace(other, place=now.data[0].place),))
         anew, over = second.differentiated(second.at(SEVEN, SEVEN.start)), rewhitened(now, second)
         np.testing.assert_allclose(over.residual, anew.residual, atol=1e-8)
         for name in ("shrinkage_min", "shrinkage_max"):

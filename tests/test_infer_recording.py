@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from dlwpredict import designs
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.free import with_values
 from dlwpredict.infer.pixels import working_factor
-from dlwpredict.infer.priors import LATERAL, LEVELLING
+from dlwpredict.infer.priors import CERTIFIED, LATERAL, LEVELLING, NUISANCES
 from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, trusted, without_outliers
 from dlwpredict.infer.trace import trace
 from dlwpredict.metrology.walls import near_walls
@@ -148,6 +149,16 @@ class TestRecordings:
         assert relative.nuisances == (*LEVELLING, *LATERAL)
         assert trusted(printed) == LATERAL
         assert doubted(prepare(air, printed)).nuisances == (*LEVELLING, *LATERAL)
+
+    @pytest.mark.parametrize(("scale", "left"), [(1.0, CERTIFIED), (0.9985, CERTIFIED), (0.99, 0.01)])
+    def test_what_an_alignment_has_taken_out_is_open_beyond_its_certificate(self, air, printed, scale, left):
+        """On wider pixels as well; of everything else nothing more is open."""
+        own = doubted(prepare(air, replace(printed, instrument=Instrument(scale=scale))))
+        for one in (own, coarser(own, 2)):
+            open_now = dict(zip(one.nuisances, one.left_open, strict=True))
+            assert (one.scale_open, open_now["scale_x"], open_now["scale_y"]) == (scale < 0.998, *2 * [approx(left)])
+            others = set(open_now) - {"scale_x", "scale_y"}
+            assert {name: open_now[name] for name in others} == {name: NUISANCES[name][1] for name in others}
 
     def test_lone_points_that_stand_out_do_not_count(self, air, printed):
         recording = prepare(air, printed)

@@ -50,6 +50,16 @@ class TestShift:
         across = shifted(wave.T, HeightMap(wave.T, 0.4, 0.4), (0.0, -shift_um))[0][8:-8, 10]
         np.testing.assert_allclose(across, expected[8:-8], atol=bound)
 
+    def test_what_is_wider_is_read_nearer_to_the_centre(self):
+        """The rim shows what the prediction has at x − u, u = shift + scale·x, along y as along x."""
+        x, k = (np.arange(80) - 39.5) * 0.4, 2 * np.pi / 4
+        wave, bound = np.tile(np.sin(k * x), (20, 1)), (0.4 * k) ** 4 / 384 + (0.4 * k) ** 5 / 240
+        expected = np.sin(k * (x - 0.3 - 0.02 * x))
+        wider = shifted(wave, HeightMap(wave, 0.4, 0.4), (0.3, 0.0, 0.02, 0.0))[0]
+        np.testing.assert_allclose(wider[10, 8:-8], expected[8:-8], atol=bound)
+        longer = shifted(wave.T, HeightMap(wave.T, 0.4, 0.4), (0.0, -0.3, 0.0, 0.02))[0]
+        np.testing.assert_allclose(longer[8:-8, 10], expected[8:-8], atol=bound)
+
     def test_a_slope_is_that_of_a_wave(self):
         x, k = (np.arange(80) - 39.5) * 0.4, 2 * np.pi / 4
         wave = np.tile(np.sin(k * x), (20, 1))
@@ -72,7 +82,7 @@ class TestMeans:
         x, k, high = (np.arange(60) - 29.5) * 0.4, 2 * np.pi / 4, designs.cin(size_um=24, pitch_um=0.4, margin_um=0)
         wave, inner = np.tile(np.sin(k * x), (60, 1)), slice(10, -10)
         aligned = replace(high, instrument=Instrument(pitch_um=0.2))
-        item = replace(item_of(high, aligned), shift_um=(shift_um, 0.0))
+        item = replace(item_of(high, aligned), place=(shift_um, 0.0, 0, 0))
         plain = replace(item, recording=replace(item.recording, width_px=0.0))
         lower = np.sinc(k * 0.4 / 2 / np.pi)
         bound = (0.4 * k) ** 6 / 2000
@@ -87,15 +97,15 @@ class TestMeans:
 
 
 class TestNuisances:
-    def test_columns_of_a_shift_are_the_derivatives_of_the_shifted_map(self):
+    def test_columns_of_what_is_followed_are_the_derivatives_of_the_moved_map(self):
         """Exactly: by columns that are only nearly so, registration creeps where features are few pixels wide."""
         target = designs.cin(size_um=20, pitch_um=0.5, margin_um=2)
         printed = np.random.default_rng(5).normal(size=target.shape)
-        item, at, step = item_of(target, target), np.array([0.2, -0.15]), 1e-6
-        columns = dict(zip(item.nuisances, replace(item, shift_um=tuple(at)).nuisance_maps(printed), strict=True))
-        for name, direction in zip(("shift_x", "shift_y"), np.eye(2), strict=True):
-            ahead, behind = (replace(item, shift_um=tuple(at + s * step * direction)).moved(printed) for s in (1, -1))
-            np.testing.assert_allclose(columns[name], (ahead - behind) / (2 * step), atol=1e-8)
+        item, at, step = item_of(target, target), np.array([0.2, -0.15, 0.013, -0.008]), 1e-6
+        columns = dict(zip(item.nuisances, replace(item, place=at).nuisance_maps(printed), strict=True))
+        for name, direction in zip(("shift_x", "shift_y", "scale_x", "scale_y"), np.eye(4), strict=True):
+            ahead, behind = (replace(item, place=at + s * step * direction).moved(printed) for s in (1, -1))
+            np.testing.assert_allclose(columns[name], (ahead - behind) / (2 * step), atol=1e-7)
 
     def test_displacements_are_those_of_a_turn_and_a_scale(self):
         grid = HeightMap(np.zeros((5, 7)), 0.5, 0.25)
@@ -105,32 +115,45 @@ class TestNuisances:
 
     def test_registration_goes_no_further_than_a_pixel_at_once(self):
         item = item_of(*2 * (designs.cin(size_um=20, pitch_um=0.5, margin_um=2),))
-        far = item.shift_in(np.array([9.0 * name.startswith("shift") for name in item.nuisances]))
-        assert item.shifted_by(far).shift_um == (0.5, 0.5)
-        assert item.shifted_by(far).shifted_by(far).shift_um == (1.0, 1.0)
-        near = replace(item, shift_um=(0.1, -0.2)).shifted_by(0.01 * far)
-        assert near.shift_um == pytest.approx((0.19, -0.11))
-        assert dict(zip(near.nuisances, near.known(), strict=True))["shift_x"] == near.shift_um[0]
+        far = item.step_in(np.array([9.0 * name.startswith("shift") for name in item.nuisances]))
+        assert item.moved_by(far).place[:2] == (0.5, 0.5)
+        assert item.moved_by(far).moved_by(far).place[:2] == (1.0, 1.0)
+        near = replace(item, place=(0.1, -0.2, 0, 0)).moved_by(0.01 * far)
+        assert near.place[:2] == pytest.approx((0.19, -0.11))
+        assert dict(zip(near.nuisances, near.known(), strict=True))["shift_x"] == near.place[0]
 
     def test_registration_finds_a_part_several_pixels_away(self):
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=4, seed=3)
         heights = predict(target, ParameterSet()).heights_um
         moved = shifted(heights, target, (1.1, -0.7))[0]
         known = registered(item_of(target, target.with_heights(moved)), heights)
-        assert known.item.shift_um == pytest.approx((1.1, -0.7), abs=0.001)
+        assert known.item.place[:2] == pytest.approx((1.1, -0.7), abs=0.001)
         away = registered(item_of(target, target.with_heights(moved), wall_px=6), heights)
-        assert away.item.shift_um == pytest.approx((1.1, -0.7), abs=1e-4)
+        assert away.item.place[:2] == pytest.approx((1.1, -0.7), abs=1e-4)
         assert np.mean(away.residual**2) < 1e-4
+
+    @pytest.mark.parametrize("scale", [0.985, 1.0])
+    def test_a_scale_is_followed_where_an_alignment_may_have_taken_the_print_s(self, scale):
+        """A part that is 1.2 % narrower than its prediction: to first order it comes out otherwise."""
+        target = designs.air(size_um=40, pitch_um=0.4, margin_um=4, seed=3)
+        heights = predict(target, ParameterSet()).heights_um
+        seen = target.with_heights(shifted(heights, target, (0.3, 0.1, -0.012, -0.01))[0])
+        item = item_of(target, replace(seen, instrument=Instrument(scale=scale)), wall_px=6)
+        found = registered(item, heights)
+        assert found.item.followed == ("shift_x", "shift_y", *(("scale_x", "scale_y") if scale < 1 else ()))
+        exact = found.item.place == pytest.approx((0.3, 0.1, -0.012, -0.01), abs=2e-4)
+        assert exact == (scale < 1)
 
     def test_where_a_recording_lies_costs_what_its_other_nuisances_leave(self):
         """And what the prior asks for the shift there; a step that is still to come is promised, not counted."""
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
         heights = predict(target, ParameterSet()).heights_um
-        item = replace(item_of(target, target.with_heights(heights + 0.01 * target.heights_um)), shift_um=(0.3, -0.2))
+        seen = target.with_heights(heights + 0.01 * target.heights_um)
+        item = replace(item_of(target, seen), place=(0.3, -0.2, 0, 0))
         others = tuple(name for name in item.nuisances if name not in ("shift_x", "shift_y"))
         fixed = replace(item, recording=replace(item.recording, nuisances=others))
         here, there = (nuisances_fitted(one, heights) for one in (item, fixed))
-        prior = sum((s / NUISANCES["shift_x"][1]) ** 2 for s in item.shift_um)
+        prior = sum((s / NUISANCES["shift_x"][1]) ** 2 for s in item.place[:2])
         assert here.cost == pytest.approx(there.cost + prior, rel=1e-6)
         assert here.residual @ here.residual < 0.9 * there.cost
 
@@ -138,7 +161,7 @@ class TestNuisances:
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
         heights = predict(target, ParameterSet()).heights_um
         noise = NOISE.simulate(target.shape, np.random.default_rng(4))
-        item = replace(item_of(target, target.with_heights(heights + noise)), shift_um=(0.1, -0.05))
+        item = replace(item_of(target, target.with_heights(heights + noise)), place=(0.1, -0.05, 0, 0))
         columns, sds = item.white(item.nuisance_maps(heights)), [NUISANCES[name][1] for name in item.nuisances]
         known = np.isfinite(sds)
         rows = np.diag(1 / np.array(sds))[known]
@@ -153,13 +176,13 @@ class TestNuisances:
         target = designs.stairs(size_um=20, feature_um=2.5, pitch_um=0.4, margin_um=4)
         heights = predict(target, ParameterSet()).heights_um
         seen = target.with_heights(heights + NOISE.simulate(target.shape, np.random.default_rng(2)))
-        item = replace(item_of(target, seen), shift_um=(start_um, 0.0))
+        item = replace(item_of(target, seen), place=(start_um, 0.0, 0, 0))
         assert registered(item, heights).cost <= nuisances_fitted(item, heights).cost
 
     def test_no_wall_is_read_wherever_it_is_printed(self):
         """Two pixels of a part's rim gone: to the points that count it makes no difference, nor to their slopes."""
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=4, seed=3)
-        item = replace(item_of(target, target), shift_um=(0.15, -0.1))
+        item = replace(item_of(target, target), place=(0.15, -0.1, 0, 0))
         heights = predict(target, ParameterSet()).heights_um
         shrunk = np.where(ndimage.binary_erosion(target.heights_um > 0, iterations=2), heights, 0.0)
         used = item.recording.used
@@ -173,13 +196,13 @@ class TestNuisances:
         item = item_of(target, target)
         heights, beside = predict(target, ParameterSet()).heights_um, (slice(20, 40), slice(20, 40))
         assert not item.recording.used[beside].all()
-        moved = replace(item, shift_um=(0.0, -0.1)).moved(heights)
+        moved = replace(item, place=(0.0, -0.1, 0, 0)).moved(heights)
         np.testing.assert_array_equal(moved[beside], shifted(heights, target, (0.0, -0.1))[0][beside])
 
     def test_what_is_registered_is_the_change_with_nuisances_as_they_are(self):
         """F ↦ f − ∇f·u is linear: by hand, of two maps and of their difference."""
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
-        item = replace(item_of(target, target), shift_um=(0.12, -0.07))
+        item = replace(item_of(target, target), place=(0.12, -0.07, 0, 0))
         first, second = np.random.default_rng(0).normal(size=(2, *target.shape))
         values = np.array([0.01 * k for k in range(len(item.nuisances))])
         lateral = np.array([0.0 if name in LEVELLING else v for name, v in zip(item.nuisances, values, strict=True)])
@@ -199,8 +222,8 @@ def test_a_prior_draws_the_whole_shift_and_not_only_its_last_step():
     found = objective.at(free, free.start)
     (item,), own = found.data, found.residual[found.rows.nuisance_priors(0)]
     row = [item.nuisances[k] for k in bounded(item.nuisances)].index("shift_x")
-    assert item.shift_um == pytest.approx((0.25, 0.0), abs=0.01)
-    assert own[row] == pytest.approx(-item.shift_um[0] / NUISANCES["shift_x"][1], rel=0.02)
+    assert item.place[:2] == pytest.approx((0.25, 0.0), abs=0.01)
+    assert own[row] == pytest.approx(-item.place[0] / NUISANCES["shift_x"][1], rel=0.02)
 
 
 def test_a_plane_is_an_offset_and_a_tilt_along_either_side():
@@ -244,7 +267,7 @@ def test_derivatives_are_those_of_what_registration_shows():
     seen = heights - right * (0.15 - 2e-3 * y + 3e-3 * x) - up * (-0.1 + 2e-3 * x)
     objective = Objective((item_of(target, target.with_heights(seen)),))
     found = objective.differentiated(objective.at(free, free.start))
-    assert found.data[0].shift_um == pytest.approx((0.15, -0.1), abs=0.02)
+    assert found.data[0].place[:2] == pytest.approx((0.15, -0.1), abs=0.02)
     for k, name in enumerate(free.names):
         step = step_of(free, k, found.vector)
         moved = objective.at(free, found.vector + step * np.eye(len(free.names))[k]).traces

@@ -88,6 +88,7 @@ class Alignment:
             "instrument": self.aligned.instrument.kind,
             "instrument_fast_axis_deg": self.aligned.instrument.fast_axis_deg,
             "instrument_pitch_um": self.aligned.instrument.pitch_um,
+            "instrument_scale": self.aligned.instrument.scale,
             "uncertainty": self.uncertainty,
             "shear_mrad": 1e3 * self.pose.shear,
             "bow_um": {"x": list(bow_x), "y": list(bow_y)},

@@ -109,7 +109,9 @@ def align(
     x, y = np.meshgrid(scene.target.x_um, scene.target.y_um)
     level = scene.crop(replace(laid, heights_um=laid.heights_um - plane.at(x, y), height_reference=plane.reference))
     turned = recording.instrument.turned(-registration.fit.pose.rotation_deg)
-    level = replace(level, instrument=replace(turned, pitch_um=_pitch_um(recording, registration.fit.pose)))
+    scale = recording.instrument.scale * (_shrunk(registration.fit.pose) if distortion == "auto" else 1.0)
+    facts = replace(turned, pitch_um=_pitch_um(recording, registration.fit.pose), scale=scale)
+    level = replace(level, instrument=facts)
     if keep_missing:
         level = replace(level, heights_um=np.where(level.measured, level.heights_um, np.nan), filled=None)
     return _report(recording, target, level, registration, choice, plane, int(spikes.sum()))
@@ -119,6 +121,11 @@ def _pitch_um(recording: HeightMap, pose: Pose) -> float:
     """Return the pitch that a map was recorded with, µm of the target."""
     own = recording.instrument.pitch_um or 0.0
     return max(own, recording.dx_um, recording.dy_um) / min(pose.scale)
+
+
+def _shrunk(pose: Pose) -> float:
+    """Return by which factor a recording is narrower than its target along both axes, at least: so is a print."""
+    return min(max(pose.scale), 1.0)
 
 
 def _check(recording: HeightMap, target: HeightMap) -> None:

@@ -19,6 +19,7 @@ from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
+from dlwpredict.infer.priors import CERTIFIED
 
 COMMAND = "align"
 STREAMS = {"report": ".yaml"}
@@ -27,8 +28,8 @@ FIGURES = True
 WRONG_PITCH = 0.05
 """No part that its base holds and no calibrated instrument differs from the target by this share sideways."""
 
-CERTIFIED, SURELY = 2e-3, 3.0
-"""What the certificate of a pixel pitch leaves open, and how many standard deviations beyond it are said."""
+SURELY = 3.0
+"""Standard deviations beyond what the certificate of a pixel pitch leaves open that are said."""
 
 
 def run(
@@ -91,7 +92,8 @@ def run(
             leaves = "more than a certified pitch leaves open; it is taken out here"
             warn(f"{recording}: {said} than the target along {axis}, {leaves}")
         if len(off) == 2 and max(off.values()) < 1:
-            warn(f"{recording}: a print that shrinks sideways is so too; --distortion rigid leaves that to diagnose")
+            left = "diagnose leaves that open; where the microscope's scale is known, use --distortion rigid"
+            warn(f"{recording}: a print that shrinks sideways is so too: {left}")
     for name, test in alignment.distortion_test.items():
         if test["untold"]:
             said = f"{test['untold_px']:.2g} pixels at the rim may be the print's own form as well, and stay in it"

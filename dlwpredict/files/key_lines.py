@@ -24,6 +24,8 @@ def key_lines(height_map: HeightMap) -> dict[str, str]:
         lines["instrument_fast_axis_deg"] = repr(instrument.fast_axis_deg)
     if instrument.pitch_um is not None:
         lines["instrument_pitch_um"] = repr(instrument.pitch_um)
+    if instrument.scale != 1:
+        lines["instrument_scale"] = repr(instrument.scale)
     return lines
 
 
@@ -56,9 +58,10 @@ def stored_facts(lines: dict[str, str]) -> dict[str, Any]:
                 f"found {lines['height_reference']}", key="height_reference", allowed="allowed: substrate, relative"
             )
         facts["height_reference"] = lines["height_reference"]
-    if {"instrument", "instrument_fast_axis_deg", "instrument_pitch_um"} & lines.keys():
+    if {"instrument", "instrument_fast_axis_deg", "instrument_pitch_um", "instrument_scale"} & lines.keys():
         pitch_um = _positive(lines, "instrument_pitch_um") if "instrument_pitch_um" in lines else None
-        facts["instrument"] = Instrument(lines.get("instrument", "unknown"), _angle(lines), pitch_um)
+        scale = _positive(lines, "instrument_scale", "number") if "instrument_scale" in lines else 1.0
+        facts["instrument"] = Instrument(lines.get("instrument", "unknown"), _angle(lines), pitch_um, scale)
     return facts
 
 
@@ -70,7 +73,7 @@ def _angle(lines: dict[str, str]) -> float | None:
         raise InputError(f"found {lines[name]}", key=name, allowed="allowed: degrees from x") from None
 
 
-def _positive(lines: dict[str, str], name: str) -> float:
+def _positive(lines: dict[str, str], name: str, unit: str = "number of µm") -> float:
     try:
         value = float(lines[name])
     except KeyError:
@@ -78,5 +81,5 @@ def _positive(lines: dict[str, str], name: str) -> float:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value > 0):
-        raise InputError(f"found {lines[name]}", key=name, allowed="allowed: a positive number of µm")
+        raise InputError(f"found {lines[name]}", key=name, allowed=f"allowed: a positive {unit}")
     return value

@@ -112,7 +112,7 @@ def fitter_of(
         Of `Fitter`.
     """
     data = tuple(
-        replace(Whitened.of(recording, noise, slope), shift_um=item.shift_um)
+        replace(Whitened.of(recording, noise, slope), place=item.place)
         for recording, noise, slope, item in zip(recordings, models, slopes, before.data, strict=True)
     )
     return Fitter(replace(objective, data=data), before.free, **knobs)

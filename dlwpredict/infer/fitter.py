@@ -170,7 +170,7 @@ class Fitter:
     def _shared(self, found: Fit) -> Fit:
         """Return a fit that another process has made with the recordings of this one, in place of copies of its own."""
         pairs = zip(self.objective.data, found.data, strict=True)
-        return replace(found, data=tuple(replace(own, shift_um=other.shift_um) for own, other in pairs))
+        return replace(found, data=tuple(replace(own, place=other.place) for own, other in pairs))
 
 
 def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[Fit, float]:

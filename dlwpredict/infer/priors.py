@@ -18,6 +18,9 @@ from dlwpredict.parameters import Paper, declarations
 FREE = np.inf
 """Standard deviation of a nuisance of which nothing is known."""
 
+CERTIFIED = 2e-3
+"""What the certificate of an instrument's pixel pitch leaves open."""
+
 NUISANCES: dict[str, tuple[float, float]] = {
     "offset": (0.0, FREE),
     "tilt_x": (0.0, FREE),
@@ -25,8 +28,8 @@ NUISANCES: dict[str, tuple[float, float]] = {
     "shift_x": (0.0, 1.0),  # µm: no recording has a place of its own, and an alignment lays a lag on its mean
     "shift_y": (0.0, 1.0),
     "rotation": (0.0, float(np.deg2rad(0.1))),  # rad that an alignment leaves
-    "scale_x": (0.0, 2e-3),  # what the certificate of a pixel pitch leaves open
-    "scale_y": (0.0, 2e-3),
+    "scale_x": (0.0, CERTIFIED),
+    "scale_y": (0.0, CERTIFIED),
     "shear": (0.0, 2e-3),
 }
 """Nuisances of a recording: mean and standard deviation. Offset and tilts are µm at half the map's size."""
@@ -34,6 +37,7 @@ NUISANCES: dict[str, tuple[float, float]] = {
 LEVELLING = ("offset", "tilt_x", "tilt_y")
 LATERAL = ("shift_x", "shift_y", "rotation", "scale_x", "scale_y", "shear")
 SHIFTS = ("shift_x", "shift_y")
+SCALES = ("scale_x", "scale_y")
 
 WIDTH_SD = 0.4
 """Standard deviation of the logarithm of the paper's FWHMs about the paper's values. Without it a missing dome or edge

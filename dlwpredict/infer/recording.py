@@ -12,7 +12,7 @@ from dlwpredict.alignment.scars import suspected_scars
 from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.errors import InputError, ResultError, blaming
 from dlwpredict.heightmap import HeightMap, require_same_grid
-from dlwpredict.infer.priors import LATERAL, LEVELLING, NUISANCES
+from dlwpredict.infer.priors import CERTIFIED, LATERAL, LEVELLING, NUISANCES, SCALES
 from dlwpredict.metrology.walls import WALL_PX, near_unresolved_walls, near_walls_of_both
 from dlwpredict.numerics.continuation import Continuation
 from dlwpredict.process import check_target
@@ -96,6 +96,21 @@ class Recording:
             return 0.0
         across, up = np.cos(np.deg2rad(fast)) * self.target.dy_um, np.sin(np.deg2rad(fast)) * self.target.dx_um
         return float(up / across if self.scanned_axes == (0,) else across / up)
+
+    @property
+    def scale_open(self) -> bool:
+        """Whether an alignment has taken out more than a certificate leaves open, which may be the print's."""
+        return 1 - self.measured.instrument.scale > CERTIFIED
+
+    @property
+    def left_open(self) -> np.ndarray:
+        """Standard deviations of what an alignment leaves of the nuisances, `priors.NUISANCES`, in their order.
+
+        Where a print that shrinks may have been stretched, it may as well not have been.
+        """
+        stretched = 1 - self.measured.instrument.scale if self.scale_open else 0.0
+        known = [max(NUISANCES[name][1], stretched if name in SCALES else 0.0) for name in self.nuisances]
+        return np.array(known)
 
     @property
     def read_px(self) -> float:

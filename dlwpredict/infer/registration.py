@@ -1,4 +1,4 @@
-"""Registration: what a recording's own nuisances come out as, and where a shift lays the prediction on it."""
+"""Registration: what a recording's own nuisances come out as, and where they lay the prediction on it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from dlwpredict.infer import priors
-from dlwpredict.infer.priors import NUISANCES, SHIFTS
 from dlwpredict.infer.whitened import Whitened
 
 REGISTRATIONS, REGISTERED_UM = 8, 5e-4
@@ -44,14 +43,14 @@ class Registered:
 
     @cached_property
     def step_um(self) -> np.ndarray:
-        """By how much the recording is still to be shifted, (x, y)."""
-        return self.item.shift_in(self.coefficients)
+        """By how much the recording is still to be moved: shifts, scales at the rim."""
+        return self.item.step_in(self.coefficients)
 
     @cached_property
     def cost(self) -> float:
         """−2 ln L and priors where the recording lies, all else fitted: no promise of the next step is counted."""
         names = self.item.nuisances
-        rows = [names.index(name) for name in SHIFTS if name in names]
+        rows = [names.index(name) for name in self.item.followed]
         back = np.linalg.pinv(self.spread[rows]) @ self.coefficients[rows]
         return float(self.residual @ self.residual + self.prior @ self.prior + back @ back)
 
@@ -65,8 +64,8 @@ def registered(item: Whitened, predicted_um: np.ndarray) -> Registered:
     """
     now, factor = nuisances_fitted(item, predicted_um), 1.0
     for _ in range(REGISTRATIONS):
-        further = now.item.shifted_by(factor * now.step_um)
-        moved = np.subtract(further.shift_um, now.item.shift_um)
+        further = now.item.moved_by(factor * now.step_um)
+        moved = further.moved_um - now.item.moved_um
         if np.abs(moved).max() < REGISTERED_UM:
             break
         then = nuisances_fitted(further, predicted_um)
@@ -84,11 +83,10 @@ def nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> Registered:
     measured = np.where(item.recording.used, item.recording.measured.heights_um, 0.0) - item.moved(predicted_um)
     white = item.white(np.concatenate([measured[None], item.nuisance_maps(predicted_um)]))
     residual, columns = white[:, 0], white[:, 1:]
-    mean, sd = np.array([NUISANCES[name] for name in item.nuisances]).reshape(-1, 2).T
     bounded = priors.bounded(item.nuisances)
-    prior = np.zeros((len(bounded), len(mean)))
-    prior[range(len(bounded)), bounded] = 1 / sd[bounded]
-    goal = prior @ (mean - item.known())
+    prior = np.zeros((len(bounded), len(item.nuisances)))
+    prior[range(len(bounded)), bounded] = 1 / item.recording.left_open[bounded]
+    goal = -prior @ item.known()
     scale = np.maximum(np.sqrt(np.sum(columns**2, axis=0) + np.sum(prior**2, axis=0)), 1e-12)
     columns, prior = columns / scale, prior / scale
     energies, turn = np.linalg.eigh(columns.T @ columns + prior.T @ prior)

@@ -23,15 +23,15 @@ def recorded(fit: Fit) -> dict[str, Any]:
     """Return a fit as a record."""
     effects = {effect.name: settings(effect) for effect in fit.parameters.effects}
     values = dict(zip(fit.free.names, fit.vector.tolist(), strict=True))
-    shifts = [list(item.shift_um) for item in fit.data]
-    return {"effects": effects, "values": values, "shifts_um": shifts, "promise": fit.promise}
+    places = [list(item.place) for item in fit.data]
+    return {"effects": effects, "values": values, "places": places, "promise": fit.promise}
 
 
 def restored(objective: Objective, like: Free, record: dict[str, Any]) -> tuple[Fit, float]:
     """Return a fit as it was, and the work that it took."""
     effects = tuple(library()[name](**values) for name, values in record["effects"].items())
     free = moving(with_values(replace(like.base, effects=effects), record["values"]), like)
-    pairs = zip(objective.data, record["shifts_um"], strict=True)
-    objective = replace(objective, data=tuple(replace(item, shift_um=tuple(shift)) for item, shift in pairs))
+    pairs = zip(objective.data, record["places"], strict=True)
+    objective = replace(objective, data=tuple(replace(item, place=tuple(place)) for item, place in pairs))
     fit = objective.at(free, np.array([record["values"][name] for name in free.names]))
     return replace(objective.differentiated(fit), promise=record["promise"]), objective.work.predictions

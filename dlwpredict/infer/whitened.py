@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.priors import LATERAL, SHIFTS
+from dlwpredict.infer.priors import LATERAL, SCALES, SHIFTS
 from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
@@ -40,14 +40,23 @@ def steepness(heights_um: np.ndarray, grid: HeightMap) -> np.ndarray:
 
 
 def shifted(
-    heights_um: np.ndarray, grid: HeightMap, shift_um: Sequence[float]
+    heights_um: np.ndarray, grid: HeightMap, place: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return maps (..., rows, cols) moved by (x, y), y upwards, and their slopes along x and y.
+    """Return maps (..., rows, cols) moved by shift + scale · position, y upwards, and their slopes along x and y.
 
-    The slopes are minus the exact derivatives of the moved maps by x and y. Differences of the moved map would not be:
-    where features are few pixels wide, registration by them does not converge.
+    The slopes are minus the exact derivatives of the moved maps by that displacement. Differences of the moved map
+    would not be: where features are few pixels wide, registration by them does not converge.
+
+    Parameters
+    ----------
+    heights_um : numpy.ndarray, shape (..., rows, cols)
+    grid : HeightMap
+    place : sequence of float
+        Shift along x and y, µm, and scale along x and y, or the shift alone.
     """
-    across, up = shift_um[0] / grid.dx_um, -shift_um[1] / grid.dy_um
+    right_um, up_um, wider, longer = (*place, 0.0, 0.0)[:4]
+    across = (right_um + wider * grid.x_um if wider else right_um) / grid.dx_um
+    up = -(up_um + longer * grid.y_um if longer else up_um) / grid.dy_um
     along, by_row = moved_along(heights_um, up, -2)
     moved, by_column = moved_along(along, across, -1)
     return moved, -by_column / grid.dx_um, moved_along(by_row, across, -1)[0] / grid.dy_um
@@ -66,6 +75,10 @@ def displacements(grid: HeightMap) -> np.ndarray:
     return np.array([(ones, zeros), (zeros, ones), (-y, x), (x, zeros), (zeros, y), (y, zeros)])
 
 
+UNMOVED = (0.0, 0.0, 0.0, 0.0)
+"""Shift and scale of a recording that lies where its alignment has laid it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Whitened:
     """One recording in whitened space.
@@ -79,15 +92,16 @@ class Whitened:
         Turns values at the used points into independent ones of variance 1.
     slope : numpy.ndarray, shape (rows, cols), or 0
         |∇f| of the surface, where the noise hangs on it.
-    shift_um : tuple of float
-        Registration found so far, about which the shift columns are taken.
+    place : tuple of float
+        Registration found so far, about which the columns of what is followed are taken: shift along x and y, µm, and
+        scale along x and y.
     """
 
     recording: Recording
     noise: Uneven
     whitener: Whitener = field(repr=False)
     slope: np.ndarray | float = field(default=0.0, repr=False)
-    shift_um: tuple[float, float] = (0.0, 0.0)
+    place: tuple[float, float, float, float] = UNMOVED
 
     @classmethod
     def of(
@@ -111,7 +125,7 @@ class Whitened:
 
     def moved(self, predicted_um: np.ndarray) -> np.ndarray:
         """Return a prediction as the recording shows it: where registration has put it, as means."""
-        if any(self.shift_um):
+        if any(self.place):
             return self._shifted(predicted_um)[0]
         return self._means(predicted_um)
 
@@ -122,7 +136,7 @@ class Whitened:
     def _shifted(self, maps_um: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return means of maps (..., rows, cols) where registration has put them, and their slopes; no wall is read."""
         maps_um = self.recording.across_walls(self._means(maps_um))
-        return shifted(maps_um, self.recording.target, self.shift_um)
+        return shifted(maps_um, self.recording.target, self.place)
 
     def residual(self, predicted_um: np.ndarray) -> np.ndarray:
         """Whiten recording − prediction, shape (points,)."""
@@ -149,13 +163,13 @@ class Whitened:
 
     def known(self) -> np.ndarray:
         """Return how much of each nuisance is in the prediction already, shape (nuisances,)."""
-        has = dict(zip(SHIFTS, self.shift_um, strict=True))
+        has = dict(zip((*SHIFTS, *SCALES), self.place, strict=True))
         return np.array([has.get(name, 0.0) for name in self.nuisances])
 
     def registered(self, changes_um: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """Return changes of the prediction (..., rows, cols) where registration has put what they change.
 
-        f − ∇f·u of the shift found and of the lateral nuisances with their coefficients: linear in f, so that this is
+        f − ∇f·u of the place found and of the lateral nuisances with their coefficients: linear in f, so that this is
         exactly the change of the prediction with its nuisances, as long as they keep their coefficients.
         """
         grid = self.recording.target
@@ -165,12 +179,32 @@ class Whitened:
         across, upwards = np.tensordot(lateral, displacements(grid), axes=1)
         return moved - across * right - upwards * up
 
-    def shift_in(self, coefficients: np.ndarray) -> np.ndarray:
-        """Return the shift among coefficients of the nuisances, (x, y) in µm; 0 where none is free."""
-        values = dict(zip(self.nuisances, coefficients, strict=True))
-        return np.array([values.get(name, 0.0) for name in SHIFTS])
+    @property
+    def followed(self) -> tuple[str, ...]:
+        """Nuisances that are followed along their path: a scale where it may be far from what was taken out."""
+        names = (*SHIFTS, *SCALES) if self.recording.scale_open else SHIFTS
+        return tuple(name for name in names if name in self.nuisances)
 
-    def shifted_by(self, step_um: np.ndarray) -> Whitened:
-        """Return the recording with its registration moved by (x, y), by at most a pixel at once."""
-        limit = np.array([self.recording.target.dx_um, self.recording.target.dy_um])
-        return replace(self, shift_um=tuple((np.array(self.shift_um) + np.clip(step_um, -limit, limit)).tolist()))
+    @property
+    def lever_um(self) -> np.ndarray:
+        """By how much a shift and a scale of one move the rim along x and y, shape (4,)."""
+        across, up = self.recording.target.size_um
+        return np.array([1.0, 1.0, across / 2, up / 2])
+
+    @property
+    def moved_um(self) -> np.ndarray:
+        """By how much registration has moved the rim, shape (4,)."""
+        return np.array(self.place) * self.lever_um
+
+    def step_in(self, coefficients: np.ndarray) -> np.ndarray:
+        """Return how far coefficients of what is followed move the rim, µm, shape (4,); 0 where none is free."""
+        values = {
+            name: value for name, value in zip(self.nuisances, coefficients, strict=True) if name in self.followed
+        }
+        return np.array([values.get(name, 0.0) for name in (*SHIFTS, *SCALES)]) * self.lever_um
+
+    def moved_by(self, step_um: np.ndarray) -> Whitened:
+        """Return the recording with its registration moved further, the rim by at most a pixel at once."""
+        limit = np.tile([self.recording.target.dx_um, self.recording.target.dy_um], 2)
+        step = np.clip(step_um, -limit, limit) / self.lever_um
+        return replace(self, place=tuple((np.array(self.place) + step).tolist()))

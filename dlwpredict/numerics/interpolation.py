@@ -41,17 +41,17 @@ def read_locally(plane: np.ndarray, place: np.ndarray, pixels: int = 4) -> np.nd
     return _weighted(plane, rows, up, cols, across)
 
 
-def moved_along(maps: np.ndarray, by_px: float, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def moved_along(maps: np.ndarray, by_px: float | np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Move maps along an axis by any number of pixels, and differentiate what was moved by that number, exactly.
 
-    By the six-pixel cubics of `read_locally`, one reading for all pixels: f(i − by) and −f′(i − by), both continuous in
-    `by`.
+    By the six-pixel cubics of `read_locally`: f(i − by) and −f′(i − by), both continuous in `by`.
 
     Parameters
     ----------
     maps : numpy.ndarray
         Go on at their rim as they end there.
-    by_px : float
+    by_px : float or numpy.ndarray, shape (pixels along the axis,)
+        One for all is faster.
     axis : int
 
     Examples
@@ -61,6 +61,8 @@ def moved_along(maps: np.ndarray, by_px: float, axis: int) -> tuple[np.ndarray, 
     >>> round(float(moved[10]), 9), round(float(by_shift[10]), 9)
     (614.125, -216.75)
     """
+    if np.ndim(by_px):
+        return _read_along(maps, np.arange(maps.shape[axis]) - by_px, axis)
     first = int(np.floor(-by_px))
     weights, slopes = (_cubics(np.array(-by_px - first), DIFFERENCES[6], order) for order in (0, 1))
     pixels = np.arange(-2, 4) + first
@@ -69,6 +71,21 @@ def moved_along(maps: np.ndarray, by_px: float, axis: int) -> tuple[np.ndarray, 
     kernels[:, pixels + reach] = weights, -slopes
     moved, by_shift = (ndimage.correlate1d(maps, kernel, axis=axis, mode="nearest") for kernel in kernels)
     return moved, by_shift
+
+
+def _read_along(maps: np.ndarray, place: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read maps at places along an axis, in pixels; return that and minus the slopes there."""
+    first = np.floor(place).astype(int)
+    pixels = np.clip(np.add.outer(np.arange(-2, 4), first), 0, len(place) - 1)
+    along = np.ones(maps.ndim, int)
+    along[axis] = len(place)
+    read, back = np.zeros(maps.shape), np.zeros(maps.shape)
+    tables = (_cubics(place - first, DIFFERENCES[6], order) for order in (0, 1))
+    for some, weights, slopes in zip(pixels, *tables, strict=True):
+        there = maps.take(some, axis=axis)
+        read += weights.reshape(along) * there
+        back -= slopes.reshape(along) * there
+    return read, back
 
 
 def read_means(plane: np.ndarray, place: np.ndarray, width_px: tuple[float, float]) -> np.ndarray:

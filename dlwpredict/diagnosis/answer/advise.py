@@ -25,7 +25,7 @@ from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.registration import registered
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.trace import trace
-from dlwpredict.infer.whitened import Whitened, steepness
+from dlwpredict.infer.whitened import UNMOVED, Whitened, steepness
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.model.levels import Levels
 from dlwpredict.noise.covariance import FLOOR
@@ -232,7 +232,7 @@ def simulated(target: HeightMap, surface: HeightMap, fitted: Fit) -> Whitened:
 def nuisances_of(item: Whitened, shown_um: np.ndarray) -> tuple[Rows, Nuisances]:
     """Return the rows of a single recording that shows just this, and its nuisances about it."""
     measured = item.recording.target.with_heights(shown_um)
-    item = replace(item, recording=replace(item.recording, measured=measured), shift_um=(0.0, 0.0))
+    item = replace(item, recording=replace(item.recording, measured=measured), place=UNMOVED)
     rows, solution = Objective((item,)).rows, registered(item, shown_um)
     return rows, Nuisances(rows, (solution.above,), (solution.below,))
 

@@ -11,7 +11,6 @@ from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.structure.registrations import PARAMETERS, Registration, chance_of, registrations
 from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
-from dlwpredict.infer.priors import NUISANCES
 from dlwpredict.parameters import declarations
 
 UNTESTED = "Nothing was tested yet: no fit has been made."
@@ -199,6 +198,10 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     if lying := registrations(diagnosis.extended.fit):
         worst, p_value = chance_of(lying)
         name, less = diagnosis.recordings[worst.pair].name, "lies where its alignment says, as far as that goes"
+        if open_scale := max(
+            (1 - r.measured.instrument.scale for r in diagnosis.recordings if r.scale_open), default=0
+        ):
+            less += f" ({100 * open_scale:.1f} % of scale that it has taken out may be the print's)"
         add("registration", p_value, name, f"{_lies(worst)}: align it anew, or see misregistration", less)
     return said
 
@@ -206,10 +209,10 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _lies(one: Registration) -> str:
     """Return how a recording lies, in words.
 
-    >>> _lies(Registration(0, {"scale_x": -0.018, "shift_y": 0.05}))
+    >>> _lies(Registration(0, {"scale_x": -0.018, "shift_y": 0.05}, {"scale_x": 0.002, "shift_y": 1.0}))
     'is 1.80 % narrower along x than its alignment says, which leaves 0.20 % open'
     """
-    name, value, left = one.farthest, one.moved[one.farthest], NUISANCES[one.farthest][1]
+    name, value, left = one.farthest, one.moved[one.farthest], one.left_open[one.farthest]
     if name.startswith("scale"):
         wider, share, open_share = "wider" if value > 0 else "narrower", 100 * abs(value), 100 * left
         return (

@@ -10,7 +10,7 @@ from scipy import special
 
 from dlwpredict.effects import library
 from dlwpredict.infer.objective import Fit
-from dlwpredict.infer.priors import LATERAL, NUISANCES
+from dlwpredict.infer.priors import LATERAL
 from dlwpredict.parameters import declarations
 
 PARAMETERS = {
@@ -33,15 +33,18 @@ class Registration:
     pair : int
     moved : dict
         Lateral nuisance to what it came out as: shifts in µm, rotation and shear in rad, scales as shares.
+    left_open : dict
+        The same nuisances to the standard deviation of what the alignment leaves of them.
     """
 
     pair: int
     moved: dict[str, float]
+    left_open: dict[str, float]
 
     @property
     def far(self) -> dict[str, float]:
         """Every nuisance in standard deviations of what an alignment leaves of it."""
-        return {name: abs(value) / NUISANCES[name][1] for name, value in self.moved.items()}
+        return {name: abs(value) / self.left_open[name] for name, value in self.moved.items()}
 
     @property
     def p_value(self) -> float:
@@ -67,7 +70,8 @@ def registrations(fit: Fit) -> list[Registration]:
     for pair, (item, left) in enumerate(zip(fit.data, fit.coefficients, strict=True)):
         values = dict(zip(item.nuisances, item.known() + left, strict=True))
         moved = {name: float(values[name]) for name in LATERAL if name in values}
-        found += [Registration(pair, moved)] if moved else []
+        left_open = dict(zip(item.nuisances, item.recording.left_open.tolist(), strict=True))
+        found += [Registration(pair, moved, {name: left_open[name] for name in moved})] if moved else []
     return found
 
 
