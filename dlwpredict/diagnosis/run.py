@@ -170,6 +170,7 @@ def diagnose(
             recordings = [blemish.left_out_of(r) if k == blemish.pair else r for k, r in enumerate(recordings)]
         elif search.key(best) == known:
             break
+        search.polish(best)
         keep(judge.answer(search, best, complete=False))
         if blemish or best != beside:  # one more switch of the same effects leaves the noise as it is
             better, first, ended = noise_beside(search.fitted[best]), baseline, search.near(best)
