@@ -9,10 +9,11 @@ from scipy import stats
 
 from dlwpredict import designs
 from dlwpredict.diagnosis.answer.content import _registration
-from dlwpredict.diagnosis.answer.words import _lies
+from dlwpredict.diagnosis.answer.words import _lies, _lies_well
 from dlwpredict.diagnosis.judge import registered
 from dlwpredict.diagnosis.structure.registrations import Registration, chance_of, registrations
 from dlwpredict.effects import library
+from dlwpredict.heightmap import Instrument
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.objective import Objective
 from dlwpredict.infer.priors import NUISANCES
@@ -115,6 +116,13 @@ def test_a_recording_taken_at_its_word_has_none():
 )
 def test_how_it_lies_is_said_in_words(moved, said):
     assert _lies(of(0, moved)) == said
+
+
+def test_what_an_alignment_has_taken_out_is_said():
+    """The most of all recordings; nothing within a certificate."""
+    some = [prepare(TARGET, replace(TARGET, instrument=Instrument(scale=scale))) for scale in (0.999, 0.99, 0.985)]
+    assert _lies_well(some).endswith("(1.5 % of scale that was taken out may be the print's)")
+    assert _lies_well(some[:1]) == "lies where its alignment says, as far as that goes"
 
 
 def test_recordings_held_out_are_levelled_by_least_squares():

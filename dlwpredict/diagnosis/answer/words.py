@@ -11,6 +11,7 @@ from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.structure.registrations import PARAMETERS, Registration, chance_of, registrations
 from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
 from dlwpredict.effects import library
+from dlwpredict.infer.recording import Recording
 from dlwpredict.parameters import declarations
 
 UNTESTED = "Nothing was tested yet: no fit has been made."
@@ -197,13 +198,16 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         add("one process for all recordings", p_value, "every recording alone would give", more, less, level)
     if lying := registrations(diagnosis.extended.fit):
         worst, p_value = chance_of(lying)
-        name, less = diagnosis.recordings[worst.pair].name, "lies where its alignment says, as far as that goes"
-        if open_scale := max(
-            (1 - r.measured.instrument.scale for r in diagnosis.recordings if r.scale_open), default=0
-        ):
-            less += f" ({100 * open_scale:.1f} % of scale that it has taken out may be the print's)"
+        name, less = diagnosis.recordings[worst.pair].name, _lies_well(diagnosis.recordings)
         add("registration", p_value, name, f"{_lies(worst)}: align it anew, or see misregistration", less)
     return said
+
+
+def _lies_well(recordings: Sequence[Recording]) -> str:
+    """Return that a recording lies well, in words, and what of it alignments have made so."""
+    taken = max((1 - one.measured.instrument.scale for one in recordings if one.scale_open), default=0.0)
+    but = f" ({100 * taken:.1f} % of scale that was taken out may be the print's)" if taken else ""
+    return f"lies where its alignment says, as far as that goes{but}"
 
 
 def _lies(one: Registration) -> str:
