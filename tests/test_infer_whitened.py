@@ -122,6 +122,17 @@ class TestNuisances:
         assert near.place[:2] == pytest.approx((0.19, -0.11))
         assert dict(zip(near.nuisances, near.known(), strict=True))["shift_x"] == near.place[0]
 
+    def test_a_scale_moves_the_rim_by_no_more_than_a_pixel_at_once(self):
+        """Half of 24 µm from the centre."""
+        target = designs.cin(size_um=20, pitch_um=0.5, margin_um=2)
+        item = item_of(target, replace(target, instrument=Instrument(scale=0.98)))
+        small, far = (
+            item.step_in(np.array([a * name.startswith("scale") for name in item.nuisances])) for a in (1e-3, 1)
+        )
+        assert small == pytest.approx([0, 0, 0.012, 0.012])
+        assert item.moved_by(small).place == pytest.approx((0, 0, 1e-3, 1e-3))
+        assert item.moved_by(far).moved_um == pytest.approx([0, 0, 0.5, 0.5])
+
     def test_registration_finds_a_part_several_pixels_away(self):
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=4, seed=3)
         heights = predict(target, ParameterSet()).heights_um
