@@ -81,7 +81,7 @@ def test_one_that_lies_where_it_should_says_nothing():
 
 def of(pair, moved_by):
     """Return how a recording lies that an alignment has left as open as any."""
-    return Registration(pair, moved_by, {name: NUISANCES[name][1] for name in moved_by})
+    return Registration(pair, moved_by, {name: NUISANCES[name] for name in moved_by})
 
 
 def test_the_probability_is_that_of_the_farthest_of_all_that_may_move():

@@ -91,7 +91,7 @@ def run(
             said = f"{abs(100 * (scale - 1)):.2g} % {'narrower' if scale < 1 else 'wider'}"
             leaves = "more than a certified pitch leaves open; it is taken out here"
             warn(f"{recording}: {said} than the target along {axis}, {leaves}")
-        if len(off) == 2 and max(off.values()) < 1:
+        if 1 - alignment.aligned.instrument.scale > CERTIFIED:
             left = "diagnose leaves that open; where the microscope's scale is known, use --distortion rigid"
             warn(f"{recording}: a print that shrinks sideways is so too: {left}")
     for name, test in alignment.distortion_test.items():

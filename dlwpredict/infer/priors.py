@@ -21,18 +21,18 @@ FREE = np.inf
 CERTIFIED = 2e-3
 """What the certificate of an instrument's pixel pitch leaves open."""
 
-NUISANCES: dict[str, tuple[float, float]] = {
-    "offset": (0.0, FREE),
-    "tilt_x": (0.0, FREE),
-    "tilt_y": (0.0, FREE),
-    "shift_x": (0.0, 1.0),  # µm: no recording has a place of its own, and an alignment lays a lag on its mean
-    "shift_y": (0.0, 1.0),
-    "rotation": (0.0, float(np.deg2rad(0.1))),  # rad that an alignment leaves
-    "scale_x": (0.0, CERTIFIED),
-    "scale_y": (0.0, CERTIFIED),
-    "shear": (0.0, 2e-3),
+NUISANCES: dict[str, float] = {
+    "offset": FREE,
+    "tilt_x": FREE,
+    "tilt_y": FREE,
+    "shift_x": 1.0,  # µm: no recording has a place of its own, and an alignment lays a lag on its mean
+    "shift_y": 1.0,
+    "rotation": float(np.deg2rad(0.1)),  # rad that an alignment leaves
+    "scale_x": CERTIFIED,
+    "scale_y": CERTIFIED,
+    "shear": 2e-3,
 }
-"""Nuisances of a recording: mean and standard deviation. Offset and tilts are µm at half the map's size."""
+"""Standard deviations of a recording's nuisances about 0. Offset and tilts are µm at half the map's size."""
 
 LEVELLING = ("offset", "tilt_x", "tilt_y")
 LATERAL = ("shift_x", "shift_y", "rotation", "scale_x", "scale_y", "shear")
@@ -131,4 +131,4 @@ def rows(free: Free, vector: np.ndarray, known: Mapping[str, Prior]) -> tuple[np
 
 def bounded(names: Sequence[str]) -> list[int]:
     """Return the places of those nuisances that have a prior."""
-    return [k for k, name in enumerate(names) if np.isfinite(NUISANCES[name][1])]
+    return [k for k, name in enumerate(names) if np.isfinite(NUISANCES[name])]

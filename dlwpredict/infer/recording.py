@@ -98,9 +98,10 @@ class Recording:
         return float(up / across if self.scanned_axes == (0,) else across / up)
 
     @property
-    def scale_open(self) -> bool:
-        """Whether an alignment has taken out more than a certificate leaves open, which may be the print's."""
-        return 1 - self.measured.instrument.scale > CERTIFIED
+    def stretched(self) -> float:
+        """Share by which an alignment has stretched both axes, which may be the print's; 0 within a certificate."""
+        share = 1 - self.measured.instrument.scale
+        return share if share > CERTIFIED else 0.0
 
     @property
     def left_open(self) -> np.ndarray:
@@ -108,9 +109,7 @@ class Recording:
 
         Where a print that shrinks may have been stretched, it may as well not have been.
         """
-        stretched = 1 - self.measured.instrument.scale if self.scale_open else 0.0
-        known = [max(NUISANCES[name][1], stretched if name in SCALES else 0.0) for name in self.nuisances]
-        return np.array(known)
+        return np.array([max(NUISANCES[name], self.stretched * (name in SCALES)) for name in self.nuisances])
 
     @property
     def read_px(self) -> float:

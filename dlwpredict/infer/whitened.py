@@ -52,9 +52,9 @@ def shifted(
     heights_um : numpy.ndarray, shape (..., rows, cols)
     grid : HeightMap
     place : sequence of float
-        Shift along x and y, µm, and scale along x and y, or the shift alone.
+        Of `PLACE`: shift along x and y, µm, and scale along x and y.
     """
-    right_um, up_um, wider, longer = (*place, 0.0, 0.0)[:4]
+    right_um, up_um, wider, longer = place
     across = (right_um + wider * grid.x_um if wider else right_um) / grid.dx_um
     up = -(up_um + longer * grid.y_um if longer else up_um) / grid.dy_um
     along, by_row = moved_along(heights_um, up, -2)
@@ -75,8 +75,11 @@ def displacements(grid: HeightMap) -> np.ndarray:
     return np.array([(ones, zeros), (zeros, ones), (-y, x), (x, zeros), (zeros, y), (y, zeros)])
 
 
+PLACE = (*SHIFTS, *SCALES)
+"""Nuisances that may be followed along their path."""
+
 UNMOVED = (0.0, 0.0, 0.0, 0.0)
-"""Shift and scale of a recording that lies where its alignment has laid it."""
+"""Of a recording that lies where its alignment has laid it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +166,7 @@ class Whitened:
 
     def known(self) -> np.ndarray:
         """Return how much of each nuisance is in the prediction already, shape (nuisances,)."""
-        has = dict(zip((*SHIFTS, *SCALES), self.place, strict=True))
+        has = dict(zip(PLACE, self.place, strict=True))
         return np.array([has.get(name, 0.0) for name in self.nuisances])
 
     def registered(self, changes_um: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
@@ -182,7 +185,7 @@ class Whitened:
     @property
     def followed(self) -> tuple[str, ...]:
         """Nuisances that are followed along their path: a scale where it may be far from what was taken out."""
-        names = (*SHIFTS, *SCALES) if self.recording.scale_open else SHIFTS
+        names = PLACE if self.recording.stretched else SHIFTS
         return tuple(name for name in names if name in self.nuisances)
 
     @property
@@ -201,7 +204,7 @@ class Whitened:
         values = {
             name: value for name, value in zip(self.nuisances, coefficients, strict=True) if name in self.followed
         }
-        return np.array([values.get(name, 0.0) for name in (*SHIFTS, *SCALES)]) * self.lever_um
+        return np.array([values.get(name, 0.0) for name in PLACE]) * self.lever_um
 
     def moved_by(self, step_um: np.ndarray) -> Whitened:
         """Return the recording with its registration moved further, the rim by at most a pixel at once."""

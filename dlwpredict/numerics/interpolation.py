@@ -75,14 +75,12 @@ def moved_along(maps: np.ndarray, by_px: float | np.ndarray, axis: int) -> tuple
 
 def _read_along(maps: np.ndarray, place: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Read maps at places along an axis, in pixels; return that and minus the slopes there."""
-    first = np.floor(place).astype(int)
-    pixels = np.clip(np.add.outer(np.arange(-2, 4), first), 0, len(place) - 1)
+    tables = [_taps(place, len(place), DIFFERENCES[6], order) for order in (0, 1)]
     along = np.ones(maps.ndim, int)
     along[axis] = len(place)
     read, back = np.zeros(maps.shape), np.zeros(maps.shape)
-    tables = (_cubics(place - first, DIFFERENCES[6], order) for order in (0, 1))
-    for some, weights, slopes in zip(pixels, *tables, strict=True):
-        there = maps.take(some, axis=axis)
+    for pixels, weights, slopes in zip(*tables[0], tables[1][1], strict=True):
+        there = maps.take(pixels, axis=axis)
         read += weights.reshape(along) * there
         back -= slopes.reshape(along) * there
     return read, back
@@ -155,10 +153,10 @@ def _mean_taps(place: np.ndarray, n: int, width: float, count: int) -> tuple[np.
     return np.clip(np.add.outer(places.astype(int), first), 0, n - 1), weights
 
 
-def _taps(place: np.ndarray, count: int, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest pixels along one axis and their weights, shape (pixels, ...) each: Hermite's cubics."""
+def _taps(place: np.ndarray, count: int, difference: np.ndarray, order: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest pixels along one axis and their weights in the value or slope there, (pixels, ...) each."""
     first, reach = np.floor(place).astype(int), len(difference) // 2
-    weights = _cubics(place - first, difference)
+    weights = _cubics(place - first, difference, order)
     return np.clip(np.add.outer(np.arange(-reach, reach + 2), first), 0, count - 1), weights
 
 

@@ -205,7 +205,7 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _lies_well(recordings: Sequence[Recording]) -> str:
     """Return that a recording lies well, in words, and what of it alignments have made so."""
-    taken = max((1 - one.measured.instrument.scale for one in recordings if one.scale_open), default=0.0)
+    taken = max(one.stretched for one in recordings)
     but = f" ({100 * taken:.1f} % of scale that was taken out may be the print's)" if taken else ""
     return f"lies where its alignment says, as far as that goes{but}"
 

@@ -34,7 +34,7 @@ class Registration:
     moved : dict
         Lateral nuisance to what it came out as: shifts in µm, rotation and shear in rad, scales as shares.
     left_open : dict
-        The same nuisances to the standard deviation of what the alignment leaves of them.
+        Nuisance to the standard deviation of what the alignment leaves of it.
     """
 
     pair: int
@@ -71,7 +71,7 @@ def registrations(fit: Fit) -> list[Registration]:
         values = dict(zip(item.nuisances, item.known() + left, strict=True))
         moved = {name: float(values[name]) for name in LATERAL if name in values}
         left_open = dict(zip(item.nuisances, item.recording.left_open.tolist(), strict=True))
-        found += [Registration(pair, moved, {name: left_open[name] for name in moved})] if moved else []
+        found += [Registration(pair, moved, left_open)] if moved else []
     return found
 
 
