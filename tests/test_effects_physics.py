@@ -8,6 +8,7 @@ from scipy.special import ndtr, ndtri
 
 from dlwpredict.effects import library
 from dlwpredict.effects.dose_proximity import neighbourhood
+from dlwpredict.effects.lateral_shrinkage import REACH, edge_pull_um
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import Dose, Focus
@@ -508,6 +509,44 @@ class TestSurface:
         expected = -pin * np.log(1 - (1 - abs(x[wall]) / 10) / strain)
         np.testing.assert_allclose(profile[wall], expected, atol=1e-4)
         assert profile[120] == pytest.approx(TOP, abs=1e-6)
+
+    @pytest.mark.parametrize("half", [3.0, 15.0, 60.0])
+    def test_free_edges_are_pulled_as_those_of_an_elastic_strip(self, half):
+        """What u − l²u″ = 0 with u′ = −1 at x = ±R gives: u = −l sinh(x/l) / cosh(R/l), and nothing along the strip."""
+        target, reach = pad(2 * half, 2 * half + 12, pitch=0.2), REACH * TOP
+        inside = abs(target.x_um) < half
+        towards, along = edge_pull_um(target, TOP)[:, target.shape[0] // 2, inside]
+        elastic = -reach * np.sinh(target.x_um[inside] / reach) / np.cosh(half / reach)
+        np.testing.assert_allclose(towards, elastic, atol=0.01)
+        np.testing.assert_allclose(along, 0, atol=0.11)
+
+    def test_on_a_gentle_slope_resin_is_drawn_to_where_more_of_it_is(self):
+        """There u = l²/2z · ∇h: below z = h the film grows thinner on one side, and its force with it."""
+        x = (np.arange(800) - 399.5) * 0.4
+        hill = HeightMap(np.repeat((3 + 0.2 * np.exp(-(x**2) / 7200))[None], 400, axis=0), 0.4, 0.4)
+        height = hill.heights_um[200, 550]
+        slope = -0.2 * x[550] / 3600 * np.exp(-(x[550] ** 2) / 7200)
+        assert edge_pull_um(hill, height)[0, 200, 550] == pytest.approx(REACH**2 * height * slope / 2, rel=0.05)
+
+    def test_posts_far_apart_keep_their_places_where_edges_are_free(self):
+        """Drawn to one centre, only the walls that look outwards come in, by as much as they are far from it."""
+        post = np.full((20, 20), TOP)
+        target = HeightMap(np.pad(np.hstack([post, np.zeros((20, 60)), post]), 5), 0.4, 0.4)
+        sides = {}
+        for share in (0.0, 1.0):
+            moved = measured(target, effect("lateral-shrinkage", strain=0.1, free_edges=share))[15, :55]
+            high = np.flatnonzero(moved > 0.99 * TOP)
+            sides[share] = high[0] - 5, 24 - high[-1]
+        assert sides[1.0][0] == sides[1.0][1] > 0
+        assert sides[0.0][0] > 2 and sides[0.0][1] <= 0
+
+    def test_free_edges_move_a_wall_and_leave_the_middle(self):
+        """At the top of a wide part a wall has come in by strain · (1 − e^(−z/H)) · l of the layer there."""
+        target, strain, pin = pad(60.0, 70.0, pitch=0.2), 0.1, 3.0
+        moved = measured(target, effect("lateral-shrinkage", strain=strain, pin_height_um=pin, free_edges=1.0))[175]
+        came_in = target.x_um[np.flatnonzero(moved > TOP - 0.01)[0]] + 30
+        assert came_in == pytest.approx(strain * -np.expm1(-TOP / pin) * REACH * TOP, abs=0.2)
+        np.testing.assert_allclose(moved[abs(target.x_um) < 20], TOP, atol=1e-6)
 
 
 class TestMeasurement:

@@ -144,7 +144,7 @@ class TestProfile:
         fit = lowest(objective, choose(ParameterSet(), free=("crosslink_fwhm_z_um", *KAPPAS)))
         sd = float(np.linalg.norm(fit.estimators[:, 0]))
         for end in profile(objective, fit, 0, sd):
-            rise = held(objective, fit, 0, end) - fit.cost
+            rise = held(objective, fit, 0, end, 1e-3) - fit.cost
             assert end in (fit.free.low[0], fit.free.high[0]) or np.sqrt(rise) == pytest.approx(NORMAL, rel=0.15)
 
     @pytest.mark.slow

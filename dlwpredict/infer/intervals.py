@@ -188,7 +188,7 @@ def _end(objective: Objective, fitted: Fit, k: int, reach: float, allowed: float
 
     place = limited(value + reach)
     for _ in range(ENDS):
-        rise = float(np.sqrt(max(held(objective, fitted, k, place) - fitted.cost, 0.0) / allowed))
+        rise = float(np.sqrt(max(held(objective, fitted, k, place, CLOSE * allowed) - fitted.cost, 0.0) / allowed))
         if abs(rise - 1) < CLOSE or (place == bound and rise < 1):
             return place
         if rise < 1:
@@ -203,14 +203,17 @@ def _end(objective: Objective, fitted: Fit, k: int, reach: float, allowed: float
     return place
 
 
-def held(objective: Objective, near: Fit, k: int, place: float) -> float:
-    """Return the profile of the objective: least cost with parameter k held at a place, by the Jacobian near by."""
+def held(objective: Objective, near: Fit, k: int, place: float, exact: float) -> float:
+    """Return the profile of the objective: least cost with parameter k held at a place, by the Jacobian near by.
+
+    A descent to it ends where the next step promises less than what the cost must be exact to.
+    """
     free = near.free
     others = [i for i in range(len(free.names)) if i != k]
     base = _with(near.parameters, free, near.vector, k, place)
     part = Free(base, tuple(free.names[i] for i in others), free.low[others], free.high[others])
     begun = objective.at(part, part.allowed(part.start), near)
-    fit = descend(objective, replace(begun, jacobian=near.jacobian[:, others]), secant=True, steps=4)
+    fit = descend(objective, replace(begun, jacobian=near.jacobian[:, others]), secant=True, steps=4, gain=exact)
     prior = objective.known.get(free.names[k])
     return fit.cost + (prior.row(place)[0] ** 2 if prior else 0.0)
 
