@@ -528,6 +528,19 @@ class TestSurface:
         slope = -0.2 * x[550] / 3600 * np.exp(-(x[550] ** 2) / 7200)
         assert edge_pull_um(hill, height)[0, 200, 550] == pytest.approx(REACH**2 * height * slope / 2, rel=0.05)
 
+    @pytest.mark.parametrize("share", [0.5, 1.0])
+    def test_what_free_edges_draw_in_is_the_resin_that_was_there(self, share):
+        """On a top that slopes, h′(x + s·u(x)) = h(x), to second order in s near the edges."""
+        x, strain, pin = (np.arange(240) - 119.5) * 0.2, 0.3, 0.5
+        profile = np.where(abs(x) < 15, TOP + 0.02 * x, 0)
+        target = HeightMap(np.repeat(profile[None], 241, axis=0) * (abs(np.arange(241) - 120) < 110)[:, None], 0.2, 0.2)
+        moved = measured(target, effect("lateral-shrinkage", strain=strain, pin_height_um=pin, free_edges=share))[120]
+        for col in (60, 70, 90, 170):
+            height = profile[col]
+            pull = share * edge_pull_um(target, height)[0, 120, col] - (1 - share) * x[col]
+            there = x[col] - strain * np.expm1(-height / pin) * pull
+            assert np.interp(there, x, moved) == pytest.approx(height, abs=4e-3)
+
     def test_posts_far_apart_keep_their_places_where_edges_are_free(self):
         """Drawn to one centre, only the walls that look outwards come in, by as much as they are far from it."""
         post = np.full((20, 20), TOP)
