@@ -31,6 +31,9 @@ from tests.prove.sealed import Bare, shown
 SEED, Z = 2011, 10.0
 """Of the process; how far the program's change shall stand out of the noise."""
 
+LIKE = {("lateral-shrinkage", "shear-lag"): {"free_edges": 1.0}}
+"""What the program calls a model of the press."""
+
 LEAST = 1e-6
 """Less than this share of a change counts as nothing."""
 
@@ -62,10 +65,11 @@ def by_program(known: Bare, effect: Effect) -> list[np.ndarray]:
     ]
 
 
-def by_press(known: Bare, effect: Effect) -> list[np.ndarray]:
+def by_press(known: Bare, effect: Effect, model: str) -> list[np.ndarray]:
     """Return the change of what the press prints and its microscope shows, with the parameters that it knows."""
     names = set(vars(registry()[effect.name]())) & set(vars(effect)) - set(SET_APART)
     entry = {"name": effect.name, **{name: getattr(effect, name) for name in sorted(names)}}
+    entry |= {"model": model} if model else {}
     changed = shown(known.drawn, known.parts, [entry])
     return [np.nan_to_num(a - b) for a, b in zip(changed, known.plain, strict=True)]
 
@@ -77,6 +81,8 @@ class Agreement:
     Parameters
     ----------
     effect, switch : str
+    model : str
+        Of the press, where it has several.
     strength : float
     program, press : float
         How far each stands out of the noise, in standard deviations.
@@ -86,6 +92,7 @@ class Agreement:
 
     effect: str
     switch: str
+    model: str
     strength: float
     program: float
     press: float
@@ -93,7 +100,10 @@ class Agreement:
 
 
 def agreements(names: Sequence[str]) -> Iterator[Agreement]:
-    """Compare the two, a switch of an effect at a time, at a strength that the program's change stands out with."""
+    """Compare the two, a switch of an effect and a model of the press at a time, where the program's change stands out.
+
+    What only some models of the press have is set in the program where `LIKE` says how.
+    """
     known = bare(SEED)
     fitted = known.sight.fit
     for name in names:
@@ -104,10 +114,11 @@ def agreements(names: Sequence[str]) -> Iterator[Agreement]:
             off, declared = declarations(kind)[switch]
             _, length = left(fitted, by_program(known, kind(**{switch: typical})))
             strength = float(np.clip(off + (typical - off) * Z / max(length, 1e-6), declared.low, declared.high))
-            effect = kind(**{switch: strength})
-            one, ours = left(fitted, by_program(known, effect))
-            other, theirs = left(fitted, by_press(known, effect))
-            yield Agreement(name, switch, strength, ours, theirs, float(one @ other))
+            for model in getattr(registry()[name], "models", ("",)):
+                effect = kind(**{switch: strength}, **LIKE.get((name, model), {}))
+                one, ours = left(fitted, by_program(known, effect))
+                other, theirs = left(fitted, by_press(known, effect, model))
+                yield Agreement(name, switch, model, strength, ours, theirs, float(one @ other))
 
 
 def main() -> None:
@@ -116,10 +127,12 @@ def main() -> None:
     parser.add_argument("effects", nargs="*", metavar="EFFECT", help="all without")
     parser.add_argument("--json", type=Path, help="keep the figures")
     asked, kept = parser.parse_args(), []
-    print(f"{'effect':24s} {'switch':20s} {'strength':>9s} {'z program':>9s} {'z press':>8s} {'cosine':>7s}")
+    print(
+        f"{'effect':24s} {'switch':20s} {'model':10s} {'strength':>9s} {'z program':>9s} {'z press':>8s} {'cosine':>7s}"
+    )
     for one in agreements(asked.effects or NAMED):
         figures = f"{one.strength:9.4g} {one.program:9.1f} {one.press:8.1f} {one.cosine:7.3f}"
-        print(f"{one.effect:24s} {one.switch:20s} {figures}", flush=True)
+        print(f"{one.effect:24s} {one.switch:20s} {one.model:10s} {figures}", flush=True)
         kept.append(asdict(one))
     if asked.json:
         asked.json.parent.mkdir(parents=True, exist_ok=True)
