@@ -511,6 +511,13 @@ class TestSearch:
         assert Search.without(found, both, "curl") is found.fitted[frozenset(FIELD)]
         assert begun == [frozenset(), frozenset(FIELD)]
 
+        found.fitted[both].parameters = pair  # by other switches curl comes out on: without the sag it is left
+        fitted = found.fitted | search({CURL: 5.0}).fitted
+        found.fitter.contest = lambda models: {
+            key_of(free(own[0].parameters)): fitted[found.names(own[0].parameters)] for own in models
+        }
+        assert Search.without(found, both, "field-curvature") is found.fitted[frozenset(CURL)]
+
     def test_the_quick_fit_of_a_first_effect_may_fall_short(self):
         """By a share of the gain: at 1000, 699 is not near, 701 is."""
         found = search({CURL: 1000.0, FIELD: 699.0, DARK: 701.0})

@@ -41,7 +41,7 @@ class Refits:
     spread : dict
         Name to the standard deviation of scores along what the effect does.
     reduced : set
-        Sets and names that reduced models were begun from.
+        Sets, each with a smaller one that was begun from it: of an effect that came out off nothing is left.
     """
 
     fitter: Fitter
@@ -52,7 +52,7 @@ class Refits:
     place_price: dict[str, float] = field(default_factory=dict)
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
-    reduced: set[tuple[Names, str]] = field(default_factory=set)
+    reduced: set[tuple[Names, Names]] = field(default_factory=set)
     first: Linearised = field(init=False)
     asked: Thresholds = field(init=False)
     screens: dict[Names, Linearised] = field(default_factory=dict)
@@ -150,8 +150,8 @@ class Refits:
         """
         start = self.stripped(Start(lacking(self.fitted[names].parameters, [name]), self.fitted[names]))
         fewer = self.names(start.parameters)
-        if (names, name) not in self.reduced and not (fewer in self.fitted and self.settled(fewer)):
-            self.reduced.add((names, name))
+        if (names, fewer) not in self.reduced and not (fewer in self.fitted and self.settled(fewer)):
+            self.reduced.add((names, fewer))
             if fewer not in self.fitted or self.fitter.reopened(start):
                 self.refit([start])
         self.settle(names, [fewer])
