@@ -15,6 +15,7 @@ from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.pixels import working_factor
 from dlwpredict.infer.recording import Recording, coarser, prepare
+from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.parameters import ParameterSet
 
 
@@ -50,7 +51,7 @@ class Pair:
         working_pitch_um: float | None = None,
         **settings: Any,
     ) -> Pair:
-        """Check a pair, and choose its working pixels.
+        """Check a pair, and choose its working pixels: none counts that holds a wall.
 
         Parameters
         ----------
@@ -69,10 +70,13 @@ class Pair:
         InputError
             What `prepare` and `require_sizes` refuse, the file named.
         """
+        factor = working_factor(target, start, working_pitch_um)
+        if settings.get("wall_px", WALL_PX):
+            settings["wall_px"] = max(settings.get("wall_px", WALL_PX), factor)
         native = prepare(target, measured, name=names[1], target_name=names[0], **settings)
         with blaming(names[1]):
             require_sizes(target, measured)
-        return cls(names, native, working_factor(target, start, working_pitch_um))
+        return cls(names, native, factor)
 
     @cached_property
     def recording(self) -> Recording:

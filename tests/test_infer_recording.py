@@ -15,6 +15,7 @@ from dlwpredict.infer.recording import check_points, coarser, doubted, prepare, 
 from dlwpredict.infer.trace import trace
 from dlwpredict.metrology.walls import near_walls
 from dlwpredict.model.levels import Levels
+from dlwpredict.pairing import Pair
 from dlwpredict.parameters import Paper, ParameterSet
 from dlwpredict.process import predict
 
@@ -176,6 +177,25 @@ class TestPixels:
         narrow, wide = (ParameterSet(paper=Paper(exposure_fwhm_xy_um=width)) for width in (0.2, 0.4))
         assert working_factor(part, wide) == pytest.approx(2 * working_factor(part, narrow), abs=1)
         assert working_factor(HeightMap(np.ones((9, 9)), 0.5, 0.5), wide) == 1
+
+    @pytest.mark.parametrize(("pitch_um", "sides_px"), [(0.1, (3, 4, 5, 5)), (0.25, (1, 2, 2, 2)), (0.4, (1, 1, 1, 1))])
+    def test_of_large_maps_they_are_wider_than_of_small_ones(self, pitch_um, sides_px):
+        """As wide as leaves 200² of them, but no wider than loses half of what is known of the focus."""
+        parts = [HeightMap(np.ones((n, n)), pitch_um, pitch_um) for n in (200, 800, 1000, 3000)]
+        assert tuple(working_factor(part, ParameterSet()) for part in parts) == sides_px
+
+    @pytest.mark.parametrize("wall_px", [None, 1])
+    def test_none_counts_that_holds_a_wall(self, wall_px):
+        """Of eight pixels each, walls anywhere in them, and walls that are asked not to be left out."""
+        edge = np.arange(120)
+        steps = np.where((edge > 17) & (edge < 61), 4.0, np.where(edge < 90, 2.0, 6.0))
+        part = HeightMap(np.tile(steps, (64, 1)), 0.1, 0.1)
+        settings = {} if wall_px is None else {"wall_px": wall_px}
+        pair = Pair.of(part, part, ParameterSet(), working_pitch_um=0.8, **settings)
+        own = pair.recording.target.heights_um[pair.recording.used]
+        assert pair.factor == 8 and len(own) and set(own.round(9)) == {2.0, 4.0, 6.0}
+        kept = Pair.of(part, part, ParameterSet(), working_pitch_um=0.8, wall_px=0)
+        assert kept.recording.used.all()
 
     def test_the_user_may_ask_for_a_pitch(self):
         part = HeightMap(np.ones((9, 9)), 0.1, 0.1)

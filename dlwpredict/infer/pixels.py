@@ -9,11 +9,12 @@ from dlwpredict.heightmap import HeightMap
 from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 from dlwpredict.parameters import ParameterSet, declarations
 
-LOST = 0.2
-"""Share of the information about the finest structure of a print that working pixels may lose."""
+FINE, COARSE = (0.2, 3.0), (0.5, 2.0)
+"""Share of the information about the finest structure of a print that working pixels may lose, and how many of them
+there are to the shortest length at which an effect of the library is looked for: of a map as a rule, and of a large one."""
 
-PER_LENGTH = 3.0
-"""Working pixels to the shortest length at which an effect of the library is looked for."""
+LARGE = 40_000
+"""Points of a large map. It tells more of all that is wider, and the time that an answer takes grows with its points."""
 
 
 def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float | None = None) -> int:
@@ -22,7 +23,8 @@ def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float 
     A print holds nothing finer than the focus, of standard deviation σ. A mean over p keeps sinc²(kp/2) ≈ 1 − k²p²/12
     of the energy of a wave k. The derivatives of an edge by the focus's width have ⟨k²⟩ = 1/σ², so that under white
     noise p²/(12σ²) of what is known of them is lost; where the noise is correlated, less. The widest pixels that lose
-    no more than `LOST` are taken, unless an effect of the library has a shorter length of its own.
+    no more than a fifth are taken, unless an effect of the library has a shorter length of its own. Where these are
+    still more than `LARGE`, wider ones are, that lose no more than half.
 
     Parameters
     ----------
@@ -34,15 +36,19 @@ def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float 
 
     Examples
     --------
-    >>> afm = HeightMap(np.ones((9, 9)), 0.1, 0.1)
-    >>> working_factor(afm, ParameterSet()), working_factor(afm, ParameterSet(), 0.2)
-    (3, 2)
+    >>> afm, wide = (HeightMap(np.ones((n, n)), 0.1, 0.1) for n in (512, 1000))
+    >>> working_factor(afm, ParameterSet()), working_factor(wide, ParameterSet()), working_factor(afm, ParameterSet(), 0.2)
+    (3, 5, 2)
     """
     native = max(target.dx_um, target.dy_um)
     if pitch_um is not None:
         return max(round(pitch_um / native), 1)
     sigma = parameters.paper.exposure_fwhm_xy_um / FWHM_PER_SIGMA
-    return max(int(min(sigma * np.sqrt(12 * LOST), shortest_um() / PER_LENGTH) / native + 1e-9), 1)
+    finest, widest = (
+        max(int(min(sigma * np.sqrt(12 * lost), shortest_um() / per_length) / native + 1e-9), 1)
+        for lost, per_length in (FINE, COARSE)
+    )
+    return int(np.clip(np.ceil(np.sqrt(target.heights_um.size / LARGE)), finest, widest))
 
 
 def shortest_um() -> float:
