@@ -11,10 +11,10 @@ from dlwpredict.parameters import ParameterSet, declarations
 
 FINE, COARSE = (0.2, 3.0), (0.5, 2.0)
 """Share of the information about the finest structure of a print that working pixels may lose, and how many of them
-there are to the shortest length at which an effect of the library is looked for: of a map as a rule, and of a large one."""
+there are to the shortest length at which an effect of the library is looked for: as a rule, and of a large map."""
 
 LARGE = 40_000
-"""Points of a large map. It tells more of all that is wider, and the time that an answer takes grows with its points."""
+"""Points of a large map: it tells more of all that is wider, and the time that an answer takes grows with them."""
 
 
 def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float | None = None) -> int:
@@ -37,7 +37,8 @@ def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float 
     Examples
     --------
     >>> afm, wide = (HeightMap(np.ones((n, n)), 0.1, 0.1) for n in (512, 1000))
-    >>> working_factor(afm, ParameterSet()), working_factor(wide, ParameterSet()), working_factor(afm, ParameterSet(), 0.2)
+    >>> own = ParameterSet()
+    >>> working_factor(afm, own), working_factor(wide, own), working_factor(afm, own, 0.2)
     (3, 5, 2)
     """
     native = max(target.dx_um, target.dy_um)

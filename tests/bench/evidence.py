@@ -25,6 +25,9 @@ from tests.bench.real import held_out_um
 
 RUNS, EVIDENCE = Path("runs"), Path("docs/evidence")
 
+SEEN = 3.0
+"""Standard deviations at which a change can be compared."""
+
 
 def row(what: str, value: float, unit: str = "", wanted: str = "") -> dict[str, Any]:
     """Return one row, the value to three digits."""
@@ -138,15 +141,18 @@ def generations(run: Path = RUNS / "generations") -> dict[str, Any]:
 def agreement(kept: Path = RUNS / "bench" / "agreement.json") -> dict[str, Any]:
     """Return how far press and program agree on what every effect does."""
     found = json.loads(kept.read_text())
-    rows = [
-        row(f"{one['effect']}, {one['switch']} = {one['strength']:.3g}: cosine", one["cosine"], "", ">= 0.9")
-        for one in found
-    ]
+    rows = []
+    for one in found:
+        law = f" ({one['model']})" if one["model"] else ""
+        seen = min(one["program"], one["press"]) >= SEEN
+        what = f"{one['effect']}, {one['switch']} = {one['strength']:.3g}{law}: cosine"
+        rows.append(row(what, one["cosine"], "", ">= 0.9" if seen else ""))
     text = (
         "What the program's formula and the press's own physics change in the same print, at the same strength, "
         "once all that a fit may move is fitted: calibration, levelling, registration. The cosine is that between "
         "the two in units of noise; 1 = the same change. Below 0.9 the program's law is another than the press's, "
-        "and a diagnosis of it leaves something without a name."
+        "and a diagnosis of it leaves something without a name. In brackets which physics the press has, where it has "
+        f"several. Nothing is wanted of changes that stand less than {SEEN:g} standard deviations out of the noise."
     )
     return {
         "title": "Press and program, effect by effect",
