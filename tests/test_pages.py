@@ -409,10 +409,10 @@ def test_the_terminal_has_verdict_first_and_what_the_bench_needs():
 def test_a_partial_explanation_is_called_one(tmp_path, maps):
     content = invented(verdict="unexplained")
     text = " ".join(Reader(written(tmp_path / "report.html", content, maps)).text.split())
-    assert "unexplained – named effects explain a part only" in text
-    assert "Most of the mismatch has no name" in text
+    assert "unexplained – effects are named, but none for certain" in text
+    assert "None of these is certain" in text
     bare = " ".join(Reader(written(tmp_path / "bare.html", content | {"findings": []}, maps)).text.split())
-    assert "unexplained – no named effect explains it" in bare and "Most of the mismatch" not in bare
+    assert "unexplained – no named effect explains it" in bare and "None of these" not in bare
 
 
 @pytest.mark.slow

@@ -83,7 +83,9 @@ class Answer:
             said.append(
                 "the diagnosis was ended before it was complete: other effects may explain the recordings better"
             )
-        if self.verdict == "unexplained":
+        if self.verdict == "unexplained" and not self.diagnosis.predicts_better:
+            said.append("the diagnosis is 'unexplained': its effects do not predict better what no fit has seen")
+        elif self.verdict == "unexplained":
             said.append(
                 "the diagnosis is 'unexplained': most of the mismatch has no name, and its effects stand in for it"
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -99,6 +100,12 @@ class Diagnosis:
         found = held_out.recordings(fitted) or held_out.blocks(fitted)
         return found.rmse_um if found else None
 
+    @cached_property
+    def predicts_better(self) -> bool:
+        """Whether what was named lowers the error on data that no fit has seen; so where there are no such data."""
+        before, after = (self.held_out_um(model.fit) for model in (self.baseline, self.extended))
+        return before is None or after is None or after < before
+
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
         """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
         objective, own = self.fitter.objective, [name for name in fitted.free.names if "." in name]
@@ -117,6 +124,8 @@ class Diagnosis:
             return "unexplained"
         if not self.named:
             return "unexplained" if self.doubted else "none"
+        if not self.predicts_better:
+            return "unexplained"
         return "identified" if len(self.named[0].names) == 1 else "ambiguous"
 
 

@@ -21,15 +21,15 @@ VERDICTS = {
 
 
 def verdict(content: Mapping[str, Any]) -> str:
-    """Return what a verdict means; effects may be named though most of the mismatch has no name.
+    """Return what a verdict means; effects may be named though much has no name, or no other data speak for them.
 
     Examples
     --------
     >>> verdict({"verdict": "unexplained", "findings": [1]}), verdict({"verdict": "unexplained", "findings": []})
-    ('named effects explain a part only', 'no named effect explains it')
+    ('effects are named, but none for certain', 'no named effect explains it')
     """
     if content["verdict"] == "unexplained" and content["findings"]:
-        return "named effects explain a part only"
+        return "effects are named, but none for certain"
     return VERDICTS[content["verdict"]]
 
 

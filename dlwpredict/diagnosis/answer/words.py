@@ -74,10 +74,15 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained":
         named = ", ".join(" or ".join(item.names) for item in diagnosis.named)
-        if named:
+        if named and diagnosis.predicts_better:
             return (
                 f"Part of the mismatch has no name: {named} explain {diagnosis.explained:.0%} of it "
                 f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."
+            )
+        if named:
+            return (
+                f"What is missing has no certain name: with {named} the error falls from {before:.1f} to "
+                f"{after:.1f} nm, but that on {diagnosis.holdout_by} does not."
             )
         if not diagnosis.complete:
             return "Recording and prediction differ beyond noise; whether a named effect explains it is still open."

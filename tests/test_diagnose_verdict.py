@@ -1,0 +1,54 @@
+"""The verdict: what is said beside names, for which data that no fit has seen must speak."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from dlwpredict.diagnosis.answer.words import sentence
+from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.effects import library
+
+ONE, CLASS = ["curl"], ["curl", "vignetting"]
+
+
+class Told(Diagnosis):
+    """A diagnosis of which is known what its fits err by on data left out, µm."""
+
+    def held_out_um(self, fitted):
+        return fitted.unseen_um
+
+
+def told(names, before_um, after_um, *, unexplained=False, left=0.0):
+    """Return a diagnosis that explains its own data: from 20 to 15 nm."""
+    models = [
+        SimpleNamespace(
+            fit=SimpleNamespace(unseen_um=unseen, rmse_um=lambda own=own: own), unexplained=unexplained, left=rest
+        )
+        for unseen, own, rest in ((before_um, 0.020, 10.0), (after_um, 0.015, left))
+    ]
+    named = [SimpleNamespace(names=names, effect=library()[names[0]]())] if names else []
+    nothing = [None] * 5
+    return Told((), (), *models, tuple(named), *nothing, (), ())
+
+
+@pytest.mark.parametrize(
+    ("before_um", "after_um", "sure"),
+    [(0.025, 0.016, True), (0.025, 0.025, False), (0.025, 0.030, False), (None, None, True), (0.025, None, True)],
+)
+@pytest.mark.parametrize(("names", "verdict"), [(ONE, "identified"), (CLASS, "ambiguous")])
+def test_what_is_named_must_predict_better_what_no_fit_has_seen(names, verdict, before_um, after_um, sure):
+    """Where such data are: a lone small map has no block to leave out."""
+    found = told(names, before_um, after_um)
+    assert found.verdict == (verdict if sure else "unexplained")
+    assert ("no certain name" in sentence(found)) is not sure
+    assert "curl" in sentence(found)
+
+
+def test_what_predicts_better_may_still_leave_most_without_a_name():
+    found = told(ONE, 0.025, 0.016, unexplained=True, left=4.0)
+    assert found.verdict == "unexplained"
+    assert "explain 60% of it" in sentence(found)
+
+
+def test_nothing_named_is_no_matter_of_other_data():
+    assert told([], 0.025, 0.030).verdict == "none"
