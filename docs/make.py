@@ -15,7 +15,7 @@ from dlwpredict.parameters import Declaration, declarations
 
 DOCS = Path(__file__).parent
 PROOF = DOCS.parent / "sample_data" / "proof"
-BESIDE = DOCS / "evidence" / "competitors.json"
+BESIDE, MISSES = (DOCS / "evidence" / f"{name}.json" for name in ("competitors", "misses"))
 HEAD = "<!-- Made by `make docs` with typer {typer}; not to be edited. -->\n\n"
 _EXAMPLE = re.compile(r"^\$ (dlwpredict .*)$", re.MULTILINE)
 
@@ -40,19 +40,24 @@ What was measured, what was wanted, and first of all what was missed. Shares sta
 
 def evidence() -> str:
     """Return the page of evidence as Markdown: what was missed, then every table."""
-    tables = [
-        _of_proof(),
-        *(json.loads(path.read_text("utf-8")) for path in sorted((DOCS / "evidence").glob("*.json")) if path != BESIDE),
-    ]
+    others = [path for path in sorted((DOCS / "evidence").glob("*.json")) if path not in (BESIDE, MISSES)]
+    tables = [_of_proof(), *(json.loads(path.read_text("utf-8")) for path in others)]
     missed = [(table, row) for table in tables for row in table["rows"] if met(row["value"], row["wanted"]) is False]
     parts = [
         EVIDENCE + "## Missed\n\n" + _table([{**row, "what": f"{t['title']}: {row['what']}"} for t, row in missed])
     ]
-    parts += [_section(table, _table(table["rows"])) for table in tables]
+    sections = [_section(table, _table(table["rows"])) for table in tables]
+    traced = json.loads(MISSES.read_text("utf-8"))
+    parts += [sections[0], _section(traced, one_by_one(traced["cases"])), *sections[1:]]
     if BESIDE.exists():
         table = json.loads(BESIDE.read_text("utf-8"))
         parts.append(_section(table, beside(table)))
     return "\n".join(parts)
+
+
+def one_by_one(cases: list[dict]) -> str:
+    """Return a list of cases: what was true, what was said, and why."""
+    return "".join(f"- `{c['name']}`. True: {c['true']}. Said: {c['said']}. {c['why']}\n" for c in cases)
 
 
 def beside(table: dict) -> str:
