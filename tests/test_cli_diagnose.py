@@ -223,11 +223,13 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     recordings = [SimpleNamespace(measured=HeightMap(np.eye(3), 1, 1))]
     rest = {"significant": True, "rms_um": 0.0123}
 
-    def cautions(**content):
-        return Answer(content, SimpleNamespace(recordings=recordings), []).cautions
+    def cautions(better=True, **content):
+        return Answer(content, SimpleNamespace(recordings=recordings, predicts_better=better), []).cautions
 
     (said,) = cautions(verdict="unexplained", remainder=rest)
     assert "most of the mismatch has no name" in said
+    (said,) = cautions(better=False, verdict="unexplained", remainder=rest)
+    assert "do not predict better what no fit has seen" in said
     (said,) = cautions(verdict="identified", remainder=rest)
     assert "left 0.0123 µm beyond noise" in said
     assert "before it was complete" in cautions(verdict="none", complete=False, remainder=rest)[0]
