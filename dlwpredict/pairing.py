@@ -13,7 +13,7 @@ from dlwpredict.alignment import Alignment
 from dlwpredict.errors import blaming
 from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.pixels import working_factor
+from dlwpredict.infer.pixels import LARGE, working_factor
 from dlwpredict.infer.recording import Recording, coarser, prepare
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.parameters import ParameterSet
@@ -49,6 +49,7 @@ class Pair:
         *,
         names: tuple[str, str] = ("target", "recording"),
         working_pitch_um: float | None = None,
+        large_px: float = LARGE,
         **settings: Any,
     ) -> Pair:
         """Check a pair, and choose its working pixels: none counts that holds a wall.
@@ -62,6 +63,9 @@ class Pair:
         names : (str, str)
         working_pitch_um : float, optional
             Pitch of the working pixels, about; 0 = as they are. Default: what the focus allows.
+        large_px : float
+            Working pixels that are too many, so that wider ones are chosen; inf for a fit of the process alone, which
+            takes little time and is to know the focus.
         **settings
             Of `prepare`: ``wall_px``, ``free_shift``.
 
@@ -70,7 +74,7 @@ class Pair:
         InputError
             What `prepare` and `require_sizes` refuse, the file named.
         """
-        factor = working_factor(target, start, working_pitch_um)
+        factor = working_factor(target, start, working_pitch_um, large_px)
         if settings.get("wall_px", WALL_PX):
             settings["wall_px"] = max(settings.get("wall_px", WALL_PX), factor)
         native = prepare(target, measured, name=names[1], target_name=names[0], **settings)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import dlwpredict as dlw
 from dlwpredict import designs
 from dlwpredict.calibration import calibrate
 from dlwpredict.calibration.run import _open_directions
@@ -17,6 +18,7 @@ from dlwpredict.infer.objective import Work
 from dlwpredict.infer.priors import PARAMETERS
 from dlwpredict.infer.recording import prepare
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.pairing import Pair
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 from dlwpredict.process import predict
 
@@ -277,3 +279,13 @@ class TestWords:
         (found,) = _open_directions(self.free, np.array([np.inf, 1e-3]), np.eye(2))
         width = self.free.high - self.free.low
         assert found["exposure_fwhm_z_um"] == pytest.approx(1.96 * width[0], rel=1e-3)
+
+
+def test_the_process_is_learned_on_finer_pixels_than_effects_are_looked_for(monkeypatch):
+    """Of a large map; the focus is what wider pixels tell least of."""
+    given = []
+    monkeypatch.setattr("dlwpredict.calibration.calibrate", lambda recordings, *of, **how: given.extend(recordings))
+    part = HeightMap(np.pad(np.full((280, 280), 5.0), 10), 0.25, 0.25)
+    dlw.calibrate([(part, part)])
+    assert [one.target.dx_um for one in given] == [0.25]
+    assert Pair.of(part, part, ParameterSet()).pitch_um == 0.5

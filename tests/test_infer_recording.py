@@ -183,6 +183,7 @@ class TestPixels:
         """As wide as leaves 200² of them, but no wider than loses half of what is known of the focus."""
         parts = [HeightMap(np.ones((n, n)), pitch_um, pitch_um) for n in (200, 800, 1000, 3000)]
         assert tuple(working_factor(part, ParameterSet()) for part in parts) == sides_px
+        assert {working_factor(part, ParameterSet(), large_px=np.inf) for part in parts} == {sides_px[0]}
 
     @pytest.mark.parametrize("wall_px", [None, 1])
     def test_none_counts_that_holds_a_wall(self, wall_px):

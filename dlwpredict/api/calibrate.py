@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -47,5 +48,5 @@ def calibrate(
     """
     start = start or ParameterSet()
     moving = choose(start, fix=fix, free=free)
-    recordings = [pair.recording for pair in ready(pairs, start, wall_px=wall_px)]
+    recordings = [pair.recording for pair in ready(pairs, start, wall_px=wall_px, large_px=math.inf)]
     return calibration.calibrate(recordings, moving, seed=seed, **settings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -106,7 +107,7 @@ def run(
     if working_pitch_um is not None and not working_pitch_um > 0:
         raise InputError(f"found {working_pitch_um:g}", key="--working-pitch-um", allowed="allowed: above 0")
     pixels_um = working_pitch_um if method is Method.fast else 0.0
-    reading = {"wall_px": wall_px, "free_shift": free_shift, "working_pitch_um": pixels_um}
+    reading = {"wall_px": wall_px, "free_shift": free_shift, "working_pitch_um": pixels_um, "large_px": math.inf}
     recorded = [_read(files, start, **reading) for files in pairs]
     with _progress() as show, _rescued(output) as watch:
 

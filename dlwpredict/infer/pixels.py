@@ -17,14 +17,16 @@ LARGE = 40_000
 """Points of a large map: it tells more of all that is wider, and the time that an answer takes grows with them."""
 
 
-def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float | None = None) -> int:
+def working_factor(
+    target: HeightMap, parameters: ParameterSet, pitch_um: float | None = None, large_px: float = LARGE
+) -> int:
     """Return how many native pixels along each axis make a working one.
 
     A print holds nothing finer than the focus, of standard deviation σ. A mean over p keeps sinc²(kp/2) ≈ 1 − k²p²/12
     of the energy of a wave k. The derivatives of an edge by the focus's width have ⟨k²⟩ = 1/σ², so that under white
     noise p²/(12σ²) of what is known of them is lost; where the noise is correlated, less. The widest pixels that lose
     no more than a fifth are taken, unless an effect of the library has a shorter length of its own. Where these are
-    still more than `LARGE`, wider ones are, that lose no more than half.
+    still too many, wider ones are, that lose no more than half.
 
     Parameters
     ----------
@@ -33,6 +35,8 @@ def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float 
         Its focus is the one that is expected.
     pitch_um : float, optional
         Asked for by the user.
+    large_px : float
+        Pixels that are too many; inf where none are.
 
     Examples
     --------
@@ -49,7 +53,7 @@ def working_factor(target: HeightMap, parameters: ParameterSet, pitch_um: float 
         max(int(min(sigma * np.sqrt(12 * lost), shortest_um() / per_length) / native + 1e-9), 1)
         for lost, per_length in (FINE, COARSE)
     )
-    return int(np.clip(np.ceil(np.sqrt(target.heights_um.size / LARGE)), finest, widest))
+    return int(np.clip(np.ceil(np.sqrt(target.heights_um.size / large_px)), finest, widest))
 
 
 def shortest_um() -> float:
