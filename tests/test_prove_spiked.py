@@ -25,8 +25,11 @@ def finding(*names, side="print", **parameters):
     return {"effects": list(names), "side": side, "parameters": parameters}
 
 
-def told(*findings, verdict="identified", rms_um=0.01):
-    return {"verdict": verdict, "findings": list(findings), "remainder": {"rms_um": rms_um}}
+def told(*findings, verdict="identified", rms_um=0.01, **model):
+    """Return an answer; what its model holds of vignetting beside its findings by value and interval."""
+    own = {f"vignetting.{name}": size for name, size in model.items()}
+    rest = {"remainder": {"rms_um": rms_um}, "extended": {"parameters": own | {"threshold": {"value": 0.4}}}}
+    return {"verdict": verdict, "findings": list(findings), **rest}
 
 
 TRUTH = {"name": "vignetting", "switch": "strength", "value": 0.2, "off": 0.0, "left_um": 0.008, "control": "control",
@@ -34,23 +37,32 @@ TRUTH = {"name": "vignetting", "switch": "strength", "value": 0.2, "off": 0.0, "
 OWN = finding("slope-error", side="measurement")
 
 
-def strength(value, low, high):
-    return {"vignetting": {"strength": {"value": value, "low": low, "high": high}}}
+def size(value, low, high):
+    return {"strength": {"value": value, "low": low, "high": high}}
+
+
+def strength(*of):
+    return {"vignetting": size(*of)}
 
 
 @pytest.mark.parametrize(
     ("control", "after", "expected"),
     [
-        (told(OWN), told(OWN), {"heard": False, "held": False}),
-        (told(OWN), told(OWN, finding("vignetting", "curl", **strength(0.19, 0.1, 0.3))),
+        (told(OWN), told(), {"heard": False, "held": False}),
+        (told(OWN), told(verdict="none"), {"heard": False}),
+        (told(OWN), told(finding("vignetting", "curl", **strength(0.19, 0.1, 0.3)), **size(0.19, 0.1, 0.3)),
          {"heard": True, "held": True, "covered": True, "alone": False, "wrong_side": False}),
-        (told(OWN), told(OWN, finding("vignetting", **strength(0.3, 0.25, 0.35))), {"alone": True, "covered": False}),
-        (told(OWN), told(OWN, finding("field-curvature", side="measurement")),
+        (told(OWN), told(finding("curl", "vignetting", **strength(0.19, 0.1, 0.3))), {"held": True, "covered": True}),
+        (told(OWN), told(finding("vignetting", **strength(0.3, 0.25, 0.35))), {"alone": True, "covered": False}),
+        (told(OWN), told(finding("field-curvature", side="measurement")),
          {"heard": True, "held": False, "alike": True, "wrong_side": True, "misnamed": True}),
-        (told(finding("vignetting", **strength(0.1, 0.05, 0.15))),
-         told(finding("vignetting", **strength(0.31, 0.25, 0.35))), {"heard": True, "held": True, "covered": True}),
-        (told(OWN), told(OWN, rms_um=0.014), {"heard": True, "held": False, "misnamed": False}),
-        (told(OWN), told(OWN, verdict="unexplained"), {"heard": True}),
+        (told(finding("vignetting", **strength(0.1, 0.05, 0.15)), **size(0.1, 0.05, 0.15)),
+         told(**size(0.31, 0.25, 0.35)), {"heard": True, "held": True, "covered": True}),
+        (told(finding("vignetting", **strength(0.1, 0.05, 0.15)), **size(0.1, 0.05, 0.15)),
+         told(**size(0.12, 0.07, 0.17)), {"heard": False, "held": False}),
+        (told(OWN), told(rms_um=0.014), {"heard": True, "held": False, "misnamed": False}),
+        (told(OWN), told(verdict="unexplained"), {"heard": True}),
+        (told(OWN, verdict="unexplained"), told(verdict="unexplained"), {"heard": False}),
     ],
 )  # fmt: skip
 def test_what_is_said_beyond_the_control(tmp_path, control, after, expected):

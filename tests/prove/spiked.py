@@ -3,9 +3,11 @@
 python -m tests.prove.spiked RUN_DIR REAL_DIR --cases 24       what `make prove-real` does
 
 To a real recording that `align` has laid on its design is added what the virtual press prints with an effect less what
-it prints without. The same recording untouched is the control: counted is what the diagnosis says beyond it. A field is
-brought to pixels of 0.3 µm first; the press has the seven parameters that the control came to. Everything is kept in
-RUN_DIR, so that an interrupted run goes on.
+it prints without. The same recording untouched is the control, diagnosed first. What that names is given to the
+diagnosis of the changed recording, as somebody would who knows what his printer and microscope lack (`-p`): counted is
+what it names besides, or how much larger it says that a known effect is. A field is brought to pixels of 0.3 µm first;
+the press has the seven parameters that the control came to. Everything is kept in RUN_DIR, so that an interrupted run
+goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from dlwpredict import __version__
 from dlwpredict.files import read_height_map, write_height_map
@@ -40,7 +43,7 @@ from tests.prove.mix import STRONGEST, name_of
 from tests.prove.sealed import Folder, strength
 from tests.prove.table import Row, counted, wilson
 
-SEED, WEAKEST = 565013, 0.5
+SEED, WEAKEST = 692139, 0.5
 PITCH_UM = 0.3
 START = Path("configs/real.yaml")
 TRIES = 12
@@ -117,9 +120,9 @@ def shown(part: HeightMap, process: Mapping, effects: Sequence[Mapping]) -> np.n
     return seen(part, press, microscope_from({**grid, "effects": list(artefacts)}), finer=2).heights_um
 
 
-def control_of(folder: Path, real: Path, field: str, seed: int) -> str:
+def control_of(folder: Path, real: Path, field: str) -> str:
     """Lay out an untouched field as a case; return its name."""
-    place, name = Folder(folder), name_of(SEED, f"control {field}", seed)
+    place, name = Folder(folder), name_of(SEED, f"control {field}", 0)
     data = place.data(name)
     if not (data / "words.json").exists():
         data.mkdir(parents=True, exist_ok=True)
@@ -127,8 +130,27 @@ def control_of(folder: Path, real: Path, field: str, seed: int) -> str:
             write_height_map(
                 data / f"{what}_0.tif", resampled(read_height_map(real / field / f"{source}.tif"), PITCH_UM)
             )
-        write_text(data / "words.json", json.dumps(["-p", str(START.resolve()), "--seed", str(seed)]))
+        write_text(data / "words.json", json.dumps(["-p", str(START.resolve())]))
     return name
+
+
+def again_of(folder: Path, field: str, control: str) -> str:
+    """Lay out an untouched field once more, to be asked beside what is known of it; return the case's name."""
+    place, name = Folder(folder), name_of(SEED, f"control {field}", 1)
+    if not (data := place.data(name)).exists():
+        maps = [read_height_map(place.data(control) / f"{what}_0.tif") for what in ("target", "recording")]
+        lay_out(place, data, *maps, control)
+    return name
+
+
+def lay_out(place: Folder, data: Path, part: HeightMap, recording: HeightMap, control: str) -> None:
+    """Write what is asked, beside what the diagnosis of the control has found."""
+    data.mkdir(parents=True, exist_ok=True)
+    write_height_map(data / "target_0.tif", part)
+    write_height_map(data / "recording_0.tif", recording)
+    known = json.loads(place.answer(control).read_text())["extended"]
+    write_text(data / "known.yaml", yaml.safe_dump(known, sort_keys=False))
+    write_text(data / "words.json", json.dumps(["-p", "known.yaml", "--seed", "1"]))
 
 
 def drawn(index: int, rng: np.random.Generator) -> Hidden:
@@ -149,27 +171,19 @@ def spike(folder: Path, field: str, control: str, index: int) -> str:
         truth = strength(drawn(index, rng), times, real)
         if truth["times"] >= WEAKEST:
             break
-    data = place.data(name)
-    data.mkdir(parents=True, exist_ok=True)
     changed = real.recording.with_heights(real.recording.heights_um + real.change(truth["entry"]))
-    write_height_map(data / "target_0.tif", real.part)
-    write_height_map(data / "recording_0.tif", changed)
-    write_text(data / "words.json", json.dumps(["-p", str(START.resolve())]))
+    lay_out(place, place.data(name), real.part, changed, control)
     place.truth(name).parent.mkdir(parents=True, exist_ok=True)
     write_text(place.truth(name), json.dumps({"field": field, "control": control, **truth}, indent=1, default=float))
     return name
 
 
-def more_than(control: Mapping, told: Mapping) -> list[dict]:
-    """Return the findings that share no name with any of the control's."""
-    known = {name for finding in control["findings"] for name in finding["effects"]}
-    return [finding for finding in told["findings"] if not known & set(finding["effects"])]
-
-
 def found_of(told: Mapping, effect: Mapping) -> dict | None:
-    """Return value and interval of an effect's strength where it stands in a class; None where it does not."""
-    for finding in told["findings"]:
-        known = in_terms_of(effect["entry"], finding["parameters"].get(effect["name"]) or {})
+    """Return value and interval of an effect's strength where it is in the model or stands in a class, else None."""
+    model = told["extended"]["parameters"]
+    own = {name.partition(".")[2]: size for name, size in model.items() if name.startswith(f"{effect['name']}.")}
+    for sizes in (own, *(finding["parameters"].get(effect["name"]) or {} for finding in told["findings"])):
+        known = in_terms_of(effect["entry"], sizes)
         if effect["switch"] in known:
             return known[effect["switch"]]
     return None
@@ -184,7 +198,7 @@ def judged(folder: Path, name: str) -> dict:
     if after["status"] != 0:
         return result | {"complaint": after["complaint"]}
     control, told = before["diagnosis"], after["diagnosis"]
-    new = more_than(control, told)
+    new = told["findings"]
     held = [finding for finding in new if truth["name"] in finding["effects"]]
     here, there, size = found_of(told, truth), found_of(control, truth), abs(truth["value"] - truth["off"])
     zero = there["value"] if there else truth["off"]
@@ -197,7 +211,7 @@ def judged(folder: Path, name: str) -> dict:
         "verdict": told["verdict"],
         "new": [finding["effects"] for finding in new],
         "control": [finding["effects"] for finding in control["findings"]],
-        "heard": bool(new) or moved or grown or told["verdict"] != control["verdict"],
+        "heard": bool(new) or moved or grown or told["verdict"] == "unexplained" != control["verdict"],
         "held": bool(held) or moved,
         "alike": bool(first) and any(alike(truth["name"], one) for one in first["effects"]),
         "alone": bool(held) and held[0]["effects"] == [truth["name"]],
@@ -221,14 +235,14 @@ def rows(results: Sequence[Mapping], again: Sequence[Mapping]) -> list[Row]:
     return [
         counted("spiked", "answered without failure", results, lambda r: r["verdict"] != "failed", "100 %"),
         counted("spiked", "from twice the limit on: heard", strong, lambda r: r["heard"], ">= 90 %"),
-        counted("spiked", "... true one in a class that the control has not", heard, lambda r: r["held"], ">= 90 %"),
+        counted("spiked", "... true one named besides, or said to be larger", heard, lambda r: r["held"], ">= 90 %"),
         counted("spiked", "... or a look-alike of it", heard, lambda r: r["held"] or r["alike"], ""),
         counted("spiked", "... wrong side", heard, lambda r: r["wrong_side"], "<= 2 %"),
         counted("spiked", "weaker ones: heard", [r for r in known if r not in strong], lambda r: r["heard"], ""),
         counted("spiked", "95 % intervals hold the strength", sized, lambda r: r["covered"], ">= 90 %"),
         counted("spiked", "outside the library: heard", strange, lambda r: r["heard"], ""),
         counted("spiked", "... given a name with confidence", strange, lambda r: r["misnamed"], "<= 10 %"),
-        counted("control", "untouched, asked again with another seed: more said", again, lambda r: r["more"], "<= 5 %"),
+        counted("control", "untouched, beside what is known: more said", again, lambda r: r["more"], "<= 5 %"),
     ]
 
 
@@ -238,10 +252,10 @@ def prove(folder: Path, real: Path, cases: int, most_fields: int, processes: int
     fields = every[:: max(len(every) // most_fields, 1)][:most_fields]
     code, last = code_sha256(), time.monotonic() + 60 * minutes
     (folder / "data").mkdir(parents=True, exist_ok=True)
-    controls = {field: control_of(folder, real, field, 0) for field in fields}
-    twice = {field: control_of(folder, real, field, 1) for field in fields}
+    controls = {field: control_of(folder, real, field) for field in fields}
     with ThreadPoolExecutor(processes) as askers:
         list(askers.map(lambda name: ask(folder, name, code), controls.values()))
+    twice = {field: again_of(folder, field, control) for field, control in controls.items()}
     where = [fields[index % len(fields)] for index in range(cases)]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         jobs = [pool.submit(spike, folder, field, controls[field], k) for k, field in enumerate(where)]
@@ -273,7 +287,7 @@ def _again(folder: Path, control: str, name: str) -> dict:
     first, second = (json.loads(Folder(folder).answer(one).read_text())["diagnosis"] for one in (control, name))
     return {
         "name": name,
-        "more": bool(more_than(first, second)),
+        "more": bool(second["findings"]),
         "first": [f["effects"] for f in first["findings"]],
         "second": [f["effects"] for f in second["findings"]],
     }
@@ -300,8 +314,8 @@ def main(words: Sequence[str] | None = None) -> int:
         "date": f"{date.today()}",
         "text": f"{len(proof['cases'])} of {proof['sealed']} sealed cases were asked, on {len(proof['fields'])} "
         "published AFM recordings of two-photon prints, one field each; median "
-        f"{seconds[len(seconds) // 2]:.0f} s. Counted is what is said beyond what is said of the untouched recording. "
-        "The limit is that of noise alone.",
+        f"{seconds[len(seconds) // 2]:.0f} s. What the diagnosis of the untouched recording names is given to that of "
+        "the changed one; counted is what it says besides. The limit is that of noise alone.",
     }
     report = chosen.report or chosen.folder / "spiked.json"
     write_text(report, json.dumps(about | proof, indent=1, default=float) + "\n")
