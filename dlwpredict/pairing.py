@@ -50,6 +50,7 @@ class Pair:
         names: tuple[str, str] = ("target", "recording"),
         working_pitch_um: float | None = None,
         large_px: float = LARGE,
+        wall_px: int = WALL_PX,
         **settings: Any,
     ) -> Pair:
         """Check a pair, and choose its working pixels: none counts that holds a wall.
@@ -66,8 +67,10 @@ class Pair:
         large_px : float
             Working pixels that are too many, so that wider ones are chosen; inf for a fit of the process alone, which
             takes little time and is to know the focus.
+        wall_px : int
+            Points so near to a wall do not count, nor those within a working pixel of it; 0 = all count.
         **settings
-            Of `prepare`: ``wall_px``, ``free_shift``.
+            Of `prepare`: ``free_shift``.
 
         Raises
         ------
@@ -75,9 +78,8 @@ class Pair:
             What `prepare` and `require_sizes` refuse, the file named.
         """
         factor = working_factor(target, start, working_pitch_um, large_px)
-        if settings.get("wall_px", WALL_PX):
-            settings["wall_px"] = max(settings.get("wall_px", WALL_PX), factor)
-        native = prepare(target, measured, name=names[1], target_name=names[0], **settings)
+        beside = max(wall_px, factor) if wall_px else 0
+        native = prepare(target, measured, name=names[1], target_name=names[0], wall_px=beside, **settings)
         with blaming(names[1]):
             require_sizes(target, measured)
         return cls(names, native, factor)
