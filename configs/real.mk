@@ -15,7 +15,7 @@ REAL_INSTRUMENT := --instrument afm --fast-axis-deg 0
 
 .PHONY: real
 real: $(foreach field,$(REAL_FIELDS),$(REAL)/$(field)/aligned.tif $(REAL)/$(field)/target.stl) $(foreach field,$(REAL_OTHERS),$(REAL)/$(field)/default.tif $(REAL)/$(field)/score.json) | $(VENV)/.installed ## Align, calibrate, predict, score real prints (RECORDINGS=...)
-	@test -n "$(REAL_FIELDS)" || { echo "error: no *_design_levels.tif in $(REAL_SOURCE); see README.md, Real prints"; exit 1; }
+	@test -n "$(REAL_FIELDS)" || { echo "error: no *_design_levels.tif in $(REAL_SOURCE); see docs/real-prints.md"; exit 1; }
 	@$(BIN)/python -m tests.bench.real $(REAL) $(REAL_FOUR)
 
 $(REAL)/%/target.tif: $(REAL_SOURCE)/%_design_levels.tif | $(VENV)/.installed

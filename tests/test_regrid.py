@@ -8,7 +8,7 @@ from dlwpredict.cli import app
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.metrology.regrid import cropped, resampled, smoothed
+from dlwpredict.metrology.regrid import cropped, resampled, smoothed, widened
 
 RNG = np.random.default_rng(0)
 
@@ -62,12 +62,27 @@ def test_a_cut_is_in_the_frame_of_the_map():
     assert found.filled.tolist() == part.filled[3:, 4:].tolist()
 
 
+def test_a_margin_is_bare_and_the_map_stays_in_the_middle():
+    part = HeightMap(RNG.random((4, 6)), 0.5, 1.0, filled=np.ones((4, 6), dtype=bool))
+    found = widened(part, 1.2)
+    assert found.shape == (8, 12)
+    assert (found.heights_um[2:-2, 3:-3] == part.heights_um).all() and found.filled.sum() == 24
+    assert np.count_nonzero(found.heights_um) == part.heights_um.size
+    again = cropped(found, (-1.5, 1.5), (-2.0, 2.0))
+    assert (again.heights_um == part.heights_um).all()
+
+
 @pytest.mark.parametrize(
     ("does", "key"),
     [
         (lambda part: resampled(part, 0.4), "--resample-um"),
         (lambda part: resampled(part, 4.0), "--resample-um"),
+        (lambda part: resampled(part, np.nan), "--resample-um"),
         (lambda part: cropped(part, (9, 10), (0, 1)), "--crop"),
+        (lambda part: smoothed(part, -1.0), "--smooth-um"),
+        (lambda part: smoothed(part, np.nan), "--smooth-um"),
+        (lambda part: widened(part, 0.0), "--margin-um"),
+        (lambda part: widened(part, 1e9), "--margin-um"),
     ],
 )
 def test_what_cannot_be_is_refused(does, key):
@@ -84,8 +99,8 @@ def test_convert_cuts_smooths_and_resamples(tmp_path):
         "out.tif",
         "--crop",
         "-2",
-        "2",
         "-1",
+        "2",
         "1",
         "--smooth-um",
         "0.2",

@@ -162,6 +162,18 @@ def test_the_report_shows_all_that_the_run_holds(run):
 
 
 @pytest.mark.slow
+def test_the_next_print_is_held_against_the_target(run):
+    before = images(text_of(run)[1])
+    put(run / "letter", next=predicted(corrected=True))
+    text, whole = text_of(run, output="again.html")
+    assert len(images(whole)) == len(before) + 2
+    assert "Next print" in text and "Prediction − target" in text
+    rows = {row.name: row.values for row in figures(read_run(run).structures[0])}
+    assert rows["predicted print of the corrected design"] == rows["print of the corrected design"]
+    assert not read_run(run).others
+
+
+@pytest.mark.slow
 def test_figures_are_those_of_the_score_command(run, tmp_path):
     words = [
         str(run / "letter/target.tif"),

@@ -176,10 +176,13 @@ def test_a_wrong_folder_is_said(tmp_path, files, words):
 def test_init_lays_out_a_folder_and_replaces_nothing(tmp_path):
     lab = tmp_path / "lab"
     assert CliRunner().invoke(app, ["init", str(lab)]).exit_code == 0
-    kept = {"Makefile", "README.md", "start.yaml", "targets", "recordings", "written"}
+    kept = {"Makefile", "README.md", "settings.mk", "start.yaml", "targets", "recordings", "written"}
     assert {one.name for one in lab.iterdir()} == kept
     assert read_parameters(lab / "start.yaml").paper == Paper()
-    assert (lab / "start.yaml").read_bytes() == (ROOT / "configs" / "paper-defaults.yaml").read_bytes()
+    assert (lab / "start.yaml").read_bytes() == (ROOT / "configs" / "real.yaml").read_bytes()
+    (lab / "targets" / "a.tif").touch()
+    (lab / "recordings" / "a.txt").touch()
+    assert "-p start.yaml" in make(lab, "-n", "calibrate").stdout
     (lab / "Makefile").write_text("mine")
     again = CliRunner().invoke(app, ["init", str(lab)])
     assert again.exit_code == 1 and again.stderr.startswith(f"error: {lab / 'Makefile'}: ")

@@ -86,8 +86,9 @@ class Answer:
         if self.verdict == "unexplained" and not self.diagnosis.predicts_better:
             said.append("the diagnosis is 'unexplained': its effects do not predict better what no fit has seen")
         elif self.verdict == "unexplained":
+            share = f"{100 * (1 - self.diagnosis.explained):.0f} %"
             said.append(
-                "the diagnosis is 'unexplained': most of the mismatch has no name, and its effects stand in for it"
+                f"the diagnosis is 'unexplained': {share} of the mismatch has no name; its effects may stand in for it"
             )
         elif remainder["significant"]:
             said.append(f"the diagnosis left {remainder['rms_um']:.3g} µm beyond noise that no named effect explains")

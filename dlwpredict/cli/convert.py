@@ -17,7 +17,7 @@ from dlwpredict.files.formats import format_of
 from dlwpredict.files.plausibility import plausibility, plausibility_of_pitch, tilt_mrad
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.metrology.missing import fill_missing
-from dlwpredict.metrology.regrid import cropped, resampled, smoothed
+from dlwpredict.metrology.regrid import cropped, resampled, smoothed, widened
 
 COMMAND = "convert"
 STREAMS = {"target": ".txt", "output": ".txt"}
@@ -34,8 +34,14 @@ def run(
     crop_um: Annotated[
         tuple[float, float, float, float] | None,
         typer.Option(
-            "--crop", metavar="X0 X1 Y0 Y1", help="Keep this rectangle, µm from the centre of the map, y upwards."
+            "--crop",
+            metavar="X0 Y0 X1 Y1",
+            help="Keep the rectangle between these corners, µm from the centre of the map, y upwards.",
         ),
+    ] = None,
+    margin_um: Annotated[
+        float | None,
+        typer.Option(help="Lay bare substrate, height 0, at least so wide around the map.", **options.LENGTH),
     ] = None,
     smooth_um: Annotated[
         float | None,
@@ -56,7 +62,7 @@ def run(
 ) -> None:
     """Convert a height map; the endings decide the formats. --z-range belongs to IN if that is a PNG, else to OUT.
 
-    It is cut first, then smoothed, then resampled.
+    It is cut first, then given a margin, then smoothed, then resampled.
 
     $ dlwpredict convert scan.txt scan.tif --pitch-um 0.1 --z-scale 1e6
     """
@@ -85,7 +91,9 @@ def run(
     before = height_map
     with blaming(source):
         if crop_um is not None:
-            height_map = cropped(height_map, crop_um[:2], crop_um[2:])
+            height_map = cropped(height_map, crop_um[::2], crop_um[1::2])
+        if margin_um is not None:
+            height_map = widened(height_map, margin_um)
         if smooth_um is not None:
             height_map = smoothed(height_map, smooth_um)
         if resample_um is not None:

@@ -116,7 +116,7 @@ class LineLengthError(MapEffect):
 
     The layer at z of the part under h is {h ≥ z}. So flanks that rise along the writing direction move by −start, those
     that fall by +end: h → h ± slope · length on a ramp, and narrow ridges and pits lose or gain at both ends. Sixteen
-    AFM fields of 0.1 µm pixels (effects.md, section 10) look as if lines came out 0.1 µm short at both ends, or as if
+    AFM fields of 0.1 µm pixels (docs/real-prints.md) look as if lines came out 0.1 µm short at both ends, or as if
     the microscope did something alike: they cannot tell.
 
     Lengths count by parts of a pixel. A wall that moves by part of a pixel leaves a column of part of its height, which
@@ -128,7 +128,7 @@ class LineLengthError(MapEffect):
     meaning = "every written line comes out too long or too short at its start and its end (y)"
     frame = "printer"
     stage = "target"
-    source = "sixteen AFM fields of real prints, held-out by field (effects.md, section 10); law is ours"
+    source = "AFM fields of sixteen prints (Zheng, Zhao, So, SIGGRAPH Asia 2023; docs/real-prints.md); law is ours"
     confused_with = ("slope-error", "line-end-pileup", "galvo-lag")
     separated_by = "a recording turned by 90° under the microscope, or trace and retrace of it"
     isotropic = False

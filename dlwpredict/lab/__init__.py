@@ -1,4 +1,4 @@
-"""What a lab's folder begins with: a Makefile, a parameter set, a page of words, and places for files."""
+"""What a lab's folder begins with: a Makefile and its settings, a parameter set, a page of words, and places for files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 FOLDERS = "targets", "recordings", "written"
 
-FILES = {"Makefile": "workflow.mk", "start.yaml": "start.yaml", "README.md": "README.md"}
+FILES = {"Makefile": "workflow.mk"} | {name: name for name in ("settings.mk", "start.yaml", "README.md")}
 """Files of a lab's folder, and where their text stands in this package."""
 
 
@@ -17,7 +17,7 @@ def contents() -> dict[Path, str]:
     Examples
     --------
     >>> sorted(map(str, contents()))
-    ['Makefile', 'README.md', 'start.yaml']
+    ['Makefile', 'README.md', 'settings.mk', 'start.yaml']
     """
     place = files(__package__)
     return {Path(name): place.joinpath(stored).read_text(encoding="utf-8") for name, stored in FILES.items()}

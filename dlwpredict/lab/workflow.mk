@@ -5,7 +5,7 @@
 #   recordings/PART.*           its raw recording; PART--NOTE.* for a second print or a second recording of it
 #   written/PART--NOTE.tif      what was sent to the printer for that print, where it was not the target itself
 #                               (a corrected map of an earlier round: copy results/PART/corrected.tif here when you print it)
-#   settings.mk                 the settings below, where they differ
+#   settings.mk                 the settings below, where they differ; it names start.yaml, where the fit begins
 #
 #   results/process.yaml        the process, learned from all recordings together; calibration.yaml its figures and warnings
 #   results/found.yaml          the same with what was missing in the model, from one diagnosis of all recordings:
@@ -21,7 +21,7 @@
 -include settings.mk
 
 DLW ?= dlwpredict
-# The parameters to start from, and their bounds; empty: the paper's defaults.
+# The parameters to start from, and their bounds; empty: the paper's seven, heights not cut into slices.
 START ?=
 # Options for one step. A name after the step is for one file: CONVERT_lens--monday = --pitch-um 100nm
 CONVERT_TARGET ?=

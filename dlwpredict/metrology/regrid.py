@@ -1,4 +1,4 @@
-"""A map cut, smoothed, or brought to a coarser grid by hand: means over area, of what was measured."""
+"""A map cut, widened, smoothed, or brought to a coarser grid by hand: means over area, of what was measured."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from dlwpredict.numerics.smoothing import FWHM_PER_SIGMA
 
 MEASURED = 0.5
 """Share of a pixel's area that must have been measured."""
+
+WIDEST = 10.0
+"""Widest margin, and widest Gaussian, in larger sides of the map."""
 
 
 def cropped(height_map: HeightMap, x_um: tuple[float, float], y_um: tuple[float, float]) -> HeightMap:
@@ -36,14 +39,40 @@ def cropped(height_map: HeightMap, x_um: tuple[float, float], y_um: tuple[float,
         raise InputError(
             f"{int(rows.sum())} rows and {int(cols.sum())} columns are left",
             key="--crop",
-            allowed=f"at least two of each; the map has x from {x} and y from {y}",
+            allowed=f"at least two of each: X0 Y0 X1 Y1 are two corners; the map has x from {x} and y from {y}",
         )
     filled = None if height_map.filled is None else height_map.filled[np.ix_(rows, cols)]
     return replace(height_map, heights_um=height_map.heights_um[np.ix_(rows, cols)], filled=filled)
 
 
+def widened(height_map: HeightMap, margin_um: float) -> HeightMap:
+    """Return the map with bare substrate, height 0, at least so wide on every side.
+
+    Raises
+    ------
+    InputError
+        The margin is not within what is allowed.
+
+    Examples
+    --------
+    >>> part = HeightMap([[1.0, 2.0], [3.0, 4.0]], dx_um=1.0, dy_um=0.5)
+    >>> widened(part, 1.0).shape, float(widened(part, 1.0).heights_um[2, 1])
+    ((6, 4), 1.0)
+    """
+    _require_width(height_map, margin_um, "--margin-um")
+    pixels = [int(np.ceil(margin_um / pitch - 1e-9)) for pitch in (height_map.dy_um, height_map.dx_um)]
+    sides = [(count, count) for count in pixels]
+    filled = None if height_map.filled is None else np.pad(height_map.filled, sides)
+    return replace(height_map, heights_um=np.pad(height_map.heights_um, sides), filled=filled)
+
+
 def smoothed(height_map: HeightMap, fwhm_um: float) -> HeightMap:
     """Return the map under a Gaussian, the mean of what was measured within it; what was not measured stays so.
+
+    Raises
+    ------
+    InputError
+        The width is not within what is allowed.
 
     Examples
     --------
@@ -51,6 +80,7 @@ def smoothed(height_map: HeightMap, fwhm_um: float) -> HeightMap:
     >>> smoothed(part, 2.0).heights_um[0].round(2).tolist()
     [0.08, nan, 1.92, 2.0]
     """
+    _require_width(height_map, fwhm_um, "--smooth-um")
     sigmas = [fwhm_um / FWHM_PER_SIGMA / pitch for pitch in (height_map.dy_um, height_map.dx_um)]
     known = ~np.isnan(height_map.heights_um)
     values = np.where(known, height_map.heights_um, 0.0)
@@ -75,7 +105,7 @@ def resampled(height_map: HeightMap, pitch_um: float) -> HeightMap:
     [[0.5, 2.5], [0.5, 2.5]]
     """
     finest = max(height_map.dx_um, height_map.dy_um)
-    if pitch_um < finest * (1 - 1e-9):
+    if not pitch_um >= finest * (1 - 1e-9):
         raise InputError(f"found {pitch_um:g} µm", key="--resample-um", allowed=f"at least the map's own {finest:g} µm")
     down, across = (
         _overlaps(n, own_um, pitch_um)
@@ -98,6 +128,12 @@ def resampled(height_map: HeightMap, pitch_um: float) -> HeightMap:
     filled = None if height_map.filled is None else mean(height_map.filled.astype(float)) > 1 - MEASURED
     values = np.where(known >= MEASURED - 1e-9, heights, np.nan)
     return replace(height_map, heights_um=values, dx_um=pitch_um, dy_um=pitch_um, filled=filled)
+
+
+def _require_width(height_map: HeightMap, width_um: float, key: str) -> None:
+    widest = WIDEST * max(height_map.size_um)
+    if not 0 < width_um <= widest:
+        raise InputError(f"found {width_um:g} µm", key=key, allowed=f"allowed: above 0, to {widest:g} µm for this map")
 
 
 def _overlaps(count: int, own_um: float, pitch_um: float) -> sparse.csr_array:

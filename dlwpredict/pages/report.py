@@ -22,7 +22,7 @@ from dlwpredict.pages import words
 from dlwpredict.pages.pictures import LARGEST_MAP, Picture
 from dlwpredict.pages.relief import LARGEST_RELIEF, MOST_POINTS, relief, view
 from dlwpredict.pages.report_pictures import lead, pictures, ranges, surfaces
-from dlwpredict.pages.run_folder import Run, Structure, unmatched
+from dlwpredict.pages.run_folder import MAPS, PRINTS, Run, Structure, unmatched
 from dlwpredict.pages.templates import template
 from dlwpredict.parameters import ParameterSet, Readings, declarations
 
@@ -124,9 +124,9 @@ def figures(structure: Structure) -> list[Figures]:
     for printed in structure.prints:
         named = f" {printed.name}".rstrip()
         aligned = printed.maps.get("aligned")
-        for role, name in (("aligned", f"print{named}"), ("reprinted", f"print of the corrected design{named}")):
+        for role, name in zip(PRINTS, ("print", MAPS["next"], MAPS["reprinted"]), strict=True):
             if role in printed.maps and target is not None:
-                rows.append(_compared(structure.name, name, printed.maps[role], "target", target, target))
+                rows.append(_compared(structure.name, f"{name}{named}", printed.maps[role], "target", target, target))
         if aligned is not None and "predicted" in printed.maps:
             name, predicted = f"predicted print{named}", printed.maps["predicted"]
             rows.append(_compared(structure.name, f"print{named}", aligned, name, predicted, target or predicted))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.pages.pictures import PROFILE_INCHES, Picture, coarser, map_axes, page_style, uri
-from dlwpredict.pages.run_folder import DESIGNS, Print, Structure
+from dlwpredict.pages.run_folder import DESIGNS, PRINTS, Print, Structure
 from dlwpredict.plots.panels import (
     LINES,
     difference_limit,
@@ -28,6 +28,7 @@ SURFACES = {
     "aligned": "print",
     "predicted": "predicted print",
     "corrected": "corrected design",
+    "next": "predicted print of the corrected design",
     "reprinted": "print of the corrected design",
 }
 """Maps whose heights count from the same zero."""
@@ -75,7 +76,7 @@ def ranges(structure: Structure) -> Ranges:
     recordings = [printed.maps["recording"] for printed in structure.prints if "recording" in printed.maps]
     widths = [height_map.size_um[0] for height_map in (*maps, *recordings)]
     prints = [printed.maps for printed in structure.prints]
-    errors = _differences([(known.get(role), target) for known in prints for role in ("aligned", "reprinted")], target)
+    errors = _differences([(known.get(role), target) for known in prints for role in PRINTS], target)
     surprises = _differences([(known.get("aligned"), known.get("predicted")) for known in prints], target)
     return Ranges(
         height_limits(*maps) if maps else (0.0, 1.0),
@@ -139,18 +140,18 @@ def _maps(printed: Print, target: HeightMap | None, shared: Ranges, pixels: int)
         ("aligned", "Print", "recording aligned to the target"),
         ("predicted", "Predicted print", "by the parameters"),
         ("corrected", "Corrected design", "for the next print; own colours"),
+        ("next", "Next print", "of the corrected design, predicted"),
         ("reprinted", "Print", "of the corrected design"),
     ):
         if role not in maps or (role == "written" and _equal(maps[role], target)):
             continue
         limits = Surface(title, role, maps[role]).limits(shared)
         shown.append(_map(maps[role], title, text, limits, shared.bar, pixels))
-        if role == "reprinted" and "unreachable" in maps:
-            within = reachable(maps[role], maps["unreachable"])
-            title = "Print − target; grey: out of reach"
+        if role in PRINTS:
+            out = maps.get("unreachable") if role != "aligned" else None
+            within = reachable(maps[role], out) if out is not None else maps[role]
+            title = f"{'Prediction' if role == 'next' else 'Print'} − target{'' if out is None else '; grey: out of reach'}"
             shown += _difference(within, target, title, shared.error, shared.bar, pixels)
-        elif role in ("aligned", "reprinted"):
-            shown += _difference(maps[role], target, "Print − target", shared.error, shared.bar, pixels)
         elif role == "corrected" and "unreachable" in maps:
             shown += _missing(maps["unreachable"], shared.error, shared.bar, pixels)
         if role == "predicted":
@@ -222,7 +223,7 @@ def _profiles(structure: Structure, shared: Ranges) -> list[Picture]:
     Heights reach over the colours of all maps shown, the designs' own included.
     """
     maps = surfaces(structure)
-    prints = [surface for surface in maps if surface.role in ("aligned", "reprinted")]
+    prints = [surface for surface in maps if surface.role in PRINTS]
     target = [surface for surface in maps if surface.role == "target"]
     further = [surface for surface in maps if surface not in prints and surface not in target]
     chosen = (target + prints[:1] + prints[1:][-2:] + further)[: len(LINES)]

@@ -1,8 +1,8 @@
 """A run folder, read for its report: files are known by their names and by what they hold.
 
 Height maps are known by name: ``target.tif``, ``written.tif``, ``recording.tif``, ``aligned.tif``, ``predicted.tif``,
-``corrected.tif``, ``reprinted.tif``, ``unreachable.tif``, alone or after ``PART_``. YAML and JSON files are known by
-their content. A folder that holds more than a target is one print; folders ``g0, g1, ...`` are generations of the part
+``corrected.tif``, ``next.tif``, ``reprinted.tif``, ``unreachable.tif``, alone or after ``PART_``. YAML and JSON files
+are known by their content. A folder that holds more than a target is one print; folders ``g0, g1, ...`` are generations of the part
 in the folder above, and a folder ``PART--NOTE`` is another print of the part in the folder ``PART``.
 """
 
@@ -28,10 +28,14 @@ MAPS = {
     "aligned": "print, aligned recording",
     "predicted": "predicted print",
     "corrected": "corrected design",
+    "next": "predicted print of the corrected design",
     "reprinted": "print of the corrected design",
     "unreachable": "height missing where no correction reaches",
 }
 """Names of height maps, and what they are."""
+
+PRINTS = "aligned", "next", "reprinted"
+"""What is compared with the target: the print, and that of the corrected design, predicted and recorded."""
 
 DESIGNS = "written", "corrected"
 """What was or is to be written, which is not what the print shall be."""
