@@ -224,7 +224,9 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     rest = {"significant": True, "rms_um": 0.0123}
 
     def cautions(better=True, **content):
-        return Answer(content, SimpleNamespace(recordings=recordings, predicts_better=better, explained=0.4), []).cautions
+        return Answer(
+            content, SimpleNamespace(recordings=recordings, predicts_better=better, explained=0.4), []
+        ).cautions
 
     (said,) = cautions(verdict="unexplained", remainder=rest)
     assert "60 % of the mismatch has no name" in said

@@ -351,7 +351,7 @@ def test_without_the_extra_one_line_says_what_to_do(tmp_path, monkeypatch):
     for name, content in (("a.tmd", make.tmd(F)), ("a.dat", b"\x88\x1b\x03\x6f" + bytes(900)), ("a.vk4", b"VK4_")):
         source = write(tmp_path, name, content)
         error = one_line(convert(source, tmp_path / "a.tif"))
-        assert f"{source}: format: needs the readers for other instruments, pip install 'dlwpredict[instr" in error
+        assert f"{source}: format: needs the readers for other instruments, pip install '.[instr" in error
 
 
 def test_a_dat_of_text_needs_no_extra(tmp_path):

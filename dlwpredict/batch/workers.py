@@ -90,7 +90,9 @@ def _on_cluster(
         from distributed import as_completed as as_they_come
     except ImportError:
         raise InputError(
-            "needs the package distributed", key="--scheduler", allowed="install dlwpredict[cluster]"
+            "needs the package distributed",
+            key="--scheduler",
+            allowed="pip install '.[cluster]' in this program's folder",
         ) from None
     try:
         client = Client(scheduler, timeout=CONNECT_SECONDS)

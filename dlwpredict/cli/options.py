@@ -43,7 +43,11 @@ Output = Annotated[Path, typer.Option("-o", "--output", help="Main output file."
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 Parameters = Annotated[
     Path | None,
-    typer.Option("-p", "--parameters", help="Parameter file (YAML); if absent the paper's seven, and heights that are not cut into slices."),
+    typer.Option(
+        "-p",
+        "--parameters",
+        help="Parameter file (YAML); if absent the paper's seven, and heights that are not cut into slices.",
+    ),
 ]
 Jobs = Annotated[int | None, typer.Option(help="Processes at once; as many as cores if absent.", min=1)]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of all randomness.")]

@@ -106,7 +106,7 @@ def _library() -> dict[str, Any]:
         raise InputError(
             "needs the readers for other instruments",
             key="format",
-            allowed="pip install 'dlwpredict[instruments]', or export .x3p, .sdf or text",
+            allowed="pip install '.[instruments]' in this program's folder, or export .x3p, .sdf or text",
         ) from None
     return lookup_reader_by_format
 

@@ -150,7 +150,9 @@ def _maps(printed: Print, target: HeightMap | None, shared: Ranges, pixels: int)
         if role in PRINTS:
             out = maps.get("unreachable") if role != "aligned" else None
             within = reachable(maps[role], out) if out is not None else maps[role]
-            title = f"{'Prediction' if role == 'next' else 'Print'} − target{'' if out is None else '; grey: out of reach'}"
+            title = (
+                f"{'Prediction' if role == 'next' else 'Print'} − target{'' if out is None else '; grey: out of reach'}"
+            )
             shown += _difference(within, target, title, shared.error, shared.bar, pixels)
         elif role == "corrected" and "unreachable" in maps:
             shown += _missing(maps["unreachable"], shared.error, shared.bar, pixels)
