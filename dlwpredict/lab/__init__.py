@@ -1,4 +1,4 @@
-"""What a lab's folder begins with: a Makefile and its settings, a parameter set, a page of words, and places for files."""
+"""What a lab's folder begins with: a Makefile, its settings, a parameter set, a page of words, places for files."""
 
 from __future__ import annotations
 

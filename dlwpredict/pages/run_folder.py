@@ -2,8 +2,8 @@
 
 Height maps are known by name: ``target.tif``, ``written.tif``, ``recording.tif``, ``aligned.tif``, ``predicted.tif``,
 ``corrected.tif``, ``next.tif``, ``reprinted.tif``, ``unreachable.tif``, alone or after ``PART_``. YAML and JSON files
-are known by their content. A folder that holds more than a target is one print; folders ``g0, g1, ...`` are generations of the part
-in the folder above, and a folder ``PART--NOTE`` is another print of the part in the folder ``PART``.
+are known by their content. A folder that holds more than a target is one print; folders ``g0, g1, ...`` are generations
+of the part in the folder above, and a folder ``PART--NOTE`` is another print of the part in the folder ``PART``.
 """
 
 from __future__ import annotations
