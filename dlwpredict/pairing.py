@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from dlwpredict.alignment import Alignment
-from dlwpredict.errors import blaming
+from dlwpredict.errors import ResultError, blaming
 from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.pixels import LARGE, working_factor
 from dlwpredict.infer.recording import Recording, coarser, prepare
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.parameters import ParameterSet
+
+KEPT = 0.5
+"""Share of the points that count which working pixels must keep: between many walls, narrower ones are taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,7 @@ class Pair:
         wall_px: int = WALL_PX,
         **settings: Any,
     ) -> Pair:
-        """Check a pair, and choose its working pixels: none counts that holds a wall.
+        """Check a pair, and choose its working pixels: none counts that holds a wall, and most of what counts is kept.
 
         Parameters
         ----------
@@ -77,12 +80,16 @@ class Pair:
         InputError
             What `prepare` and `require_sizes` refuse, the file named.
         """
-        factor = working_factor(target, start, working_pitch_um, large_px)
-        beside = max(wall_px, factor) if wall_px else 0
-        native = prepare(target, measured, name=names[1], target_name=names[0], wall_px=beside, **settings)
+        settings |= {"name": names[1], "target_name": names[0]}
+        native = prepare(target, measured, wall_px=wall_px, **settings)
         with blaming(names[1]):
             require_sizes(target, measured)
-        return cls(names, native, factor)
+        widest = working_factor(target, start, working_pitch_um, large_px)
+        for factor in range(widest, 0, -1):
+            pair = cls(names, native.away_from_walls(factor) if wall_px else native, factor)
+            if working_pitch_um is not None or pair.recording.points * factor**2 > KEPT * native.points:
+                break
+        return pair
 
     @cached_property
     def recording(self) -> Recording:
@@ -95,9 +102,23 @@ class Pair:
         return max(self.recording.target.dx_um, self.recording.target.dy_um)
 
     def repeated(self, again: HeightMap, *, name: str = "repeat") -> Pair:
-        """Return the pair with one more recording of the same print, on the target's grid."""
-        repeat = prepare(self.native.target, again, name=name, target_name=self.names[0])
-        return replace(self, repeats=(*self.repeats, coarser(repeat, self.factor).measured))
+        """Return the pair with one more recording of the same print, on the target's grid.
+
+        Raises
+        ------
+        ResultError
+            It has no point in common with those that count of the recording.
+        """
+        repeat = prepare(self.native.target, again, name=name, target_name=self.names[0], wall_px=0)
+        same = coarser(replace(repeat, used=repeat.used & self.native.used), self.factor).measured
+        if not (self.recording.used & same.measured).any():
+            raise ResultError(
+                "none of its points counts in the recording as well",
+                where=name,
+                key="--repeat",
+                allowed="allowed: another recording of the same place",
+            )
+        return replace(self, repeats=(*self.repeats, same))
 
     def fine(self, values: np.ndarray) -> HeightMap:
         """Return values on working pixels, shape (rows, cols), as a map on the pixels that the pair came on."""

@@ -223,9 +223,9 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     recordings = [SimpleNamespace(measured=HeightMap(np.eye(3), 1, 1))]
     rest = {"significant": True, "rms_um": 0.0123}
 
-    def cautions(better=True, **content):
+    def cautions(better=True, named=("curl",), **content):
         return Answer(
-            content, SimpleNamespace(recordings=recordings, predicts_better=better, explained=0.4), []
+            content, SimpleNamespace(recordings=recordings, predicts_better=better, explained=0.4, named=named), []
         ).cautions
 
     (said,) = cautions(verdict="unexplained", remainder=rest)

@@ -248,7 +248,7 @@ class TestNoises:
     def test_a_design_is_kept_to_what_is_independent(self):
         used = np.ones((SIDE, SIDE), dtype=bool)
         ramp = np.broadcast_to(np.arange(SIDE) - 19.5, (SIDE, SIDE))
-        kept = compressed(np.stack([ONE[0], ramp, 3 * ramp - 2, 0 * ramp]), used)
+        kept = compressed(np.stack([ONE[0], ramp, 3 * ramp - 2, 0 * ramp]), used, 9)
         assert len(kept) == 2
         np.testing.assert_allclose(np.einsum("kij,lij->kl", kept, kept) / SIDE**2, np.eye(2), atol=1e-9)
 

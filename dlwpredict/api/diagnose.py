@@ -83,7 +83,9 @@ class Answer:
             said.append(
                 "the diagnosis was ended before it was complete: other effects may explain the recordings better"
             )
-        if self.verdict == "unexplained" and not self.diagnosis.predicts_better:
+        if self.verdict == "unexplained" and not self.diagnosis.named:
+            said.append("the diagnosis is 'unexplained': what the seven parameters leave has no name")
+        elif self.verdict == "unexplained" and not self.diagnosis.predicts_better:
             said.append("the diagnosis is 'unexplained': its effects do not predict better what no fit has seen")
         elif self.verdict == "unexplained":
             share = f"{100 * (1 - self.diagnosis.explained):.0f} %"

@@ -28,7 +28,7 @@ from dlwpredict.files.provenance import origin, with_cautions
 from dlwpredict.files.resume import Companion, fingerprint
 from dlwpredict.files.yaml_text import read_yaml, yaml_text
 from dlwpredict.infer.objective import Work
-from dlwpredict.infer.recording import check_points
+from dlwpredict.infer.recording import check_points, require_points
 from dlwpredict.numerics.parallel import cpu_s
 from dlwpredict.pairing import Pair
 from dlwpredict.parameters import ParameterSet
@@ -148,6 +148,7 @@ class Session:
         pairs, holdout = inputs.read(inputs.pairs, start), inputs.read(inputs.holdout, start)
         pairs = with_repeats(pairs, inputs.repeats)
         check_points([pair.recording for pair in pairs])
+        require_points([pair.recording for pair in holdout])
         companion = replace(Companion.beside(outputs.output), fingerprint=inputs.fingerprint(seed))
         return cls(pairs, start, holdout, seed, outputs, companion, _cpu_s=begun)
 

@@ -97,7 +97,8 @@ class Diagnosis:
             seen = replace(self.fitter.objective, data=self.holdout, work=Work())
             return seen.at(fitted.free, fitted.vector).rmse_um()
         fitted = self.fitter.objective.whole(fitted)
-        found = held_out.recordings(fitted) or held_out.blocks(fitted)
+        width_um = min(held_out.block_um(model.fit) for model in (self.baseline, self.extended))
+        found = held_out.recordings(fitted) or held_out.blocks(fitted, width_um=width_um)
         return found.rmse_um if found else None
 
     @cached_property

@@ -179,7 +179,7 @@ class Refits:
     def _may_replace(self, fit: Fit) -> bool:
         """Tell whether a quick fit by other switches promises to be better than the set as it is known."""
         known = self.fitted[self.names(fit.parameters)]
-        other = fit.free.names != known.free.names and not self.fitter.settled(fit)
+        other = key_of(fit.free) != key_of(known.free) and not self.fitter.settled(fit)
         return other and self.priced(fit) - fit.promise < self.priced(known)
 
     def settle(self, beside: Names, among: Iterable[Names]) -> None:

@@ -24,7 +24,7 @@ from dlwpredict.infer.noises import noises
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Objective, Work, nothing
 from dlwpredict.infer.priors import PARAMETERS
-from dlwpredict.infer.recording import Recording, check_points, doubted
+from dlwpredict.infer.recording import Recording, check_points, doubted, require_points
 from dlwpredict.infer.whitened import gradient, steepness
 from dlwpredict.noise.estimate import NoiseEstimate
 from dlwpredict.noise.unevenness import Uneven
@@ -122,6 +122,7 @@ def diagnose(
         Too few points.
     """
     check_points(recordings)
+    require_points(holdout)
     course = course or Course()
     tell, keep, workers, work, stored = course.tell, course.keep, course.workers, course.work, course.stored
     start = unsaid(start)
@@ -148,7 +149,7 @@ def diagnose(
     ended: list[Start] = []
     left_out: list[Blemish] = []
     blemish, rounds = None, 0
-    while rounds < policy.ROUNDS:
+    while rounds < policy.ROUNDS or blemish:
         if noise is None or blemish or not _alike(noise, better):
             noise, own = better, stored.setdefault(f"round {rounds} without {len(left_out)} spots", {})
             fitter = fitter_of(recordings, _models(noise), slopes, first, objective, workers=workers, stored=own)

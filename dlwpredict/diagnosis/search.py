@@ -18,6 +18,7 @@ from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.refits import Names, Refits
 from dlwpredict.diagnosis.starts import behind_widths, beside
 from dlwpredict.infer.fitter import Start
+from dlwpredict.infer.model import key_of
 from dlwpredict.infer.objective import Fit
 
 
@@ -152,7 +153,7 @@ class Search(Refits):
         if names not in self.stood:
             return False
         asked, now = self.stood[names][0], self.fitted[names]
-        return asked.free.names == now.free.names and asked.cost - now.cost < policy.WIDTH
+        return key_of(asked.free) == key_of(now.free) and asked.cost - now.cost < policy.WIDTH
 
     def _cannot_stand(self, names: Names) -> bool:
         """Tell whether a set will not stand beside these doubts however far its fit may still go down."""

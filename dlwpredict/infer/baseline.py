@@ -15,6 +15,7 @@ from dlwpredict.infer.noises import scale_um, white
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import Prior, rows
 from dlwpredict.infer.recording import Recording, coarser, without_outliers
+from dlwpredict.infer.trace import whole
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import ParameterSet
@@ -37,6 +38,8 @@ def rough(
 ) -> tuple[tuple[Recording, ...], Fit]:
     """Fit as if noise were white: first on coarse pixels, then on those of the recordings, without spikes.
 
+    Coarse pixels are left out where most of what counts would be lost: between many walls.
+
     Parameters
     ----------
     recordings : sequence of Recording
@@ -54,12 +57,12 @@ def rough(
         With derivatives.
     """
     start, factor = free.base, _factor(recordings)
-    predicted = [predict(r.target, start, as_measured=True).heights_um for r in recordings]
+    predicted = [predict(r.target, whole(start), as_measured=True).heights_um for r in recordings]
     work.predictions += 1
     left = [(r.measured.heights_um - p)[r.used] for r, p in zip(recordings, predicted, strict=True)]
     sigmas, coarse_work = [scale_um(values - np.median(values)) for values in left], Work(stop=work.stop)
-    if factor > 1:
-        coarse = [coarser(r, factor) for r in recordings]
+    coarse = [coarser(r, factor) for r in recordings]
+    if factor > 1 and all(c.points * factor**2 > r.points / 2 for c, r in zip(coarse, recordings, strict=True)):
         for _ in range(2):
             fit = _white(coarse, sigmas, start, free, known, coarse_work)
             start, sigmas = fit.parameters, _left(fit)

@@ -5,6 +5,7 @@ All starts are inside, and so is the care: who asks for the best fit of a model 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -77,6 +78,8 @@ class Fitter:
         Best fits by model.
     quick : dict
         Quick fits by model.
+    opened : Counter
+        How often each quick fit was given up for another start: the next one has a record of its own.
     explained : float
         2 ln L that the best model so far has beyond the baseline.
     """
@@ -87,6 +90,7 @@ class Fitter:
     stored: dict[str, Any] = field(default_factory=dict)
     known: dict[Key, Fit] = field(default_factory=dict)
     quick: dict[Key, Fit] = field(default_factory=dict)
+    opened: Counter[Key] = field(default_factory=Counter)
     explained: float = 0.0
 
     def free(self, parameters: ParameterSet) -> Free:
@@ -105,8 +109,10 @@ class Fitter:
     def reopened(self, start: Start) -> bool:
         """Forget the quick fit of a model; tell whether another start may be tried: not where it is converged."""
         key = key_of(self.free(start.parameters))
-        self.quick.pop(key, None)
-        return key not in self.known
+        if key in self.known:
+            return False
+        self.opened[key] += self.quick.pop(key, None) is not None
+        return True
 
     def best(self, *starts: Start) -> Fit:
         """Return the best fit of a model; all starts are of the same model."""
@@ -149,7 +155,8 @@ class Fitter:
 
     def _carried_out(self, fit: Callable[..., tuple[Fit, float]], models: Mapping[Key, tuple]) -> dict[Key, Fit]:
         """Fit models; what an interrupted run has left is taken up as it was."""
-        record = {key: " ".join((fit.__name__.lstrip("_"), *key)) for key in models}
+        name = fit.__name__.lstrip("_")
+        record = {key: " ".join((name, *key, *["again"] * self.opened[key])) for key in models}
         taken = [key for key in models if record[key] in self.stored]
         others = [key for key in models if key not in taken]
         again = [(self._alone(), self.like, self.stored[record[key]]) for key in taken]

@@ -59,6 +59,17 @@ def with_values(parameters: ParameterSet, values: Mapping[str, float]) -> Parame
     return replace(parameters, paper=replace(parameters.paper, **seven), effects=effects)
 
 
+def within(parameters: ParameterSet) -> ParameterSet:
+    """Return the process with what its effects have outside its bounds brought to the nearest end.
+
+    An effect that a search has added begins where it is typical, whatever bounds a file gives it.
+    """
+    ends = {standing(parameters, key): limits for key, limits in parameters.bounds.items() if "." in key}
+    there = fittable(parameters)
+    values = {name: float(np.clip(value_of(parameters, name), *ends[name])) for name in ends if name in there}
+    return with_values(parameters, values)
+
+
 def _holders(parameters: ParameterSet, name: str) -> list[Effect]:
     """Return the effects that hold a parameter: one, or all that share it; none for the seven and unknown names."""
     owner, _, key = name.rpartition(".")

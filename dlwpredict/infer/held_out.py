@@ -51,17 +51,20 @@ def block_um(fitted: Fit) -> float:
     return max(BLOCK_UM, BLOCK_FWHMS * fitted.parameters.paper.crosslink_fwhm_xy_um)
 
 
-def cuts(fitted: Fit, least: int = 1) -> list[tuple[int, int]]:
+def cuts(fitted: Fit, least: int = 1, width_um: float | None = None) -> list[tuple[int, int]]:
     """Return into how many blocks every map is cut along x and along y; at least so many."""
-    width = block_um(fitted)
+    width = width_um or block_um(fitted)
     sizes = [item.recording.target.size_um for item in fitted.data]
     return [(max(int(x / width), least), max(int(y / width), least)) for x, y in sizes]
 
 
-def blocks(fitted: Fit, least: int = 1) -> LeftOut | None:
-    """Leave out every block of the maps in turn; None where the maps hold fewer than two."""
+def blocks(fitted: Fit, least: int = 1, width_um: float | None = None) -> LeftOut | None:
+    """Leave out every block of the maps in turn; None where the maps hold fewer than two.
+
+    Fits are compared on the same blocks: of a width that is given, else of the fit's own.
+    """
     linear, folds = _Linear.of(fitted), []
-    for k, (item, counts) in enumerate(zip(fitted.data, cuts(fitted, least), strict=True)):
+    for k, (item, counts) in enumerate(zip(fitted.data, cuts(fitted, least, width_um), strict=True)):
         for inside, near in _block_masks(item, counts):
             test = _rows(fitted, k, inside)
             if test.sum() > FEWEST:

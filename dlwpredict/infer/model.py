@@ -10,7 +10,7 @@ import numpy as np
 
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.free import Free, choose, value_of, with_values
+from dlwpredict.infer.free import Free, choose, value_of, with_values, within
 from dlwpredict.parameters import ParameterSet, declarations
 from dlwpredict.process import predict
 
@@ -32,7 +32,7 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
         shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
         shapes = [n for n in shapes if not levelled(kind, n) and any(matters(kind, s, n) for s in switches)]
         names += [f"{effect.name}.{n}" for n in (*switches, *shapes)]
-    return choose(parameters, free=names)
+    return choose(within(parameters), free=names)
 
 
 def switched(effect: Effect) -> list[str]:
@@ -54,14 +54,18 @@ def moving(parameters: ParameterSet, like: Free) -> Free:
 
 
 def key_of(free: Free) -> Key:
-    """Return what makes a model: the names that move, and what no fit moves of its effects where that is not usual."""
+    """Return what makes a model: the names that move, and what no fit moves of its effects where that is not usual.
+
+    What effects share belongs to none of them, whichever stands first.
+    """
     settings = [
         f"{effect.name}.{name}={getattr(effect, name):.9g}"
         for effect in free.base.effects
         for name, (default, declared) in declarations(effect).items()
         if not declared.fitted and getattr(effect, name) != default
     ]
-    return tuple(sorted([*free.names, *settings]))
+    shared = {f"{one.name}.{n}": n for one in free.base.effects for n, (_, d) in declarations(one).items() if d.shared}
+    return tuple(sorted([*(shared.get(name, name) for name in free.names), *settings]))
 
 
 def levelled(kind: type[Effect], name: str) -> bool:

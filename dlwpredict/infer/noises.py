@@ -13,13 +13,16 @@ from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.recording import Recording, without_outliers
 from dlwpredict.infer.whitened import gradient
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.estimate import NoiseEstimate, estimate
+from dlwpredict.noise.estimate import NoiseEstimate, estimate, stride_px
 from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES
 from dlwpredict.noise.unevenness import Ground, Uneven
 from dlwpredict.numerics.parallel import ALONE, Workers
 
 SAME = 1e-6
 """Share of the largest energy below which a direction of a design is dropped."""
+
+TOLD = 0.5
+"""Directions of a design, as a share of the points that tell the noise, at most: with more, nothing is left of it."""
 
 
 def noises(
@@ -44,7 +47,8 @@ def noises(
     designs : sequence of numpy.ndarray, shape (columns, rows, cols)
         What may be in the residuals besides noise.
     repeats : sequence of sequence of HeightMap, optional
-        Further recordings of the same print, on the same grid, for each recording; may be empty.
+        Further recordings of the same print, on the same grid, for each recording; may be empty. Noise is what a
+        recording differs from their mean by.
     slopes : sequence of numpy.ndarray, shape (rows, cols), optional
         |∇f| of each recording, on which its noise may hang.
     seed : int
@@ -56,7 +60,8 @@ def noises(
         used, source = recording.used, "residual"
         if others := (repeats or [()] * len(recordings))[k]:
             surface = nearest(np.where(used, recording.measured.heights_um - residual, 0.0), used)
-            difference = (recording.measured.heights_um - others[0].heights_um) / np.sqrt(2)
+            mean = np.mean([one.heights_um for one in others], axis=0)
+            difference = (recording.measured.heights_um - mean) / np.sqrt(1 + 1 / len(others))
             both = replace(recording, used=used & np.isfinite(difference))
             both = without_outliers(both, np.where(both.used, difference, 0.0), surface)
             used, source = both.used, "repeats"
@@ -125,23 +130,26 @@ def _noise(
     seed: int,
     smoothnesses: Sequence[float],
 ) -> NoiseEstimate:
-    forms, kinds = compressed(design, used), (smoothnesses, GRAINS_PX)
+    most = max(int(TOLD * used.sum() / stride_px(ground) ** 2), 1)
+    forms, kinds = compressed(design, used, most), (smoothnesses, GRAINS_PX)
     return estimate(residual_um, used, pitch_um, forms, kinds, ground=ground, source=source, seed=seed)
 
 
-def compressed(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
+def compressed(columns: np.ndarray, used: np.ndarray, most: int) -> np.ndarray:
     """Return an orthogonal set of the same span, without what is nearly a combination of the others.
 
     Parameters
     ----------
     columns : numpy.ndarray, shape (columns, rows, cols)
     used : numpy.ndarray of bool, shape (rows, cols)
+    most : int
+        Directions that are kept at most, those of the largest energies.
     """
     values = columns[:, used].T
     sizes = np.linalg.norm(values, axis=0)
     values = values[:, sizes > 0] / sizes[sizes > 0]
     energies, vectors = np.linalg.eigh(values.T @ values)
-    real = energies > SAME * energies[-1]
+    real = (energies > SAME * energies[-1]) & (np.arange(len(energies)) >= len(energies) - most)
     maps = np.zeros((int(real.sum()), *used.shape))
     maps[:, used] = ((values @ vectors[:, real]) / np.sqrt(energies[real])).T * np.sqrt(used.sum())
     return maps

@@ -68,13 +68,14 @@ class Null:
 
 
 def numerical(fitted: Fit, unit: np.ndarray) -> np.ndarray:
-    """Return the component that numerical differences give along whitened columns of length 1 (or 0: none)."""
-    square = sum(
-        np.sum(item.whitener.solve(part) ** 2, axis=0)
-        for item, part in zip(fitted.data, fitted.rows.split(unit), strict=True)
-    )
-    height_um = np.sqrt(square / fitted.rows.data)
-    return np.divide(COHERENT_UM, height_um, out=np.zeros_like(height_um), where=height_um > 0)
+    """Return the component that numerical differences give along whitened columns of length 1 (or 0: none).
+
+    A difference c·m of the shape m of a column, its rows of data d unwhitened, has the component c·|d|² along it.
+    """
+    parts = fitted.rows.split(unit)
+    square = sum(np.sum(item.whitener.solve(part) ** 2, axis=0) for item, part in zip(fitted.data, parts, strict=True))
+    height_um, own = np.sqrt(square / fitted.rows.data), np.sum(unit[: fitted.rows.data] ** 2, axis=0)
+    return np.divide(COHERENT_UM * own, height_um, out=np.zeros_like(height_um), where=height_um > 0)
 
 
 def _drawn(item: Whitened, noise: NoiseEstimate, seed: Sequence[int], draws: int) -> np.ndarray:

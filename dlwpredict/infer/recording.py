@@ -116,6 +116,11 @@ class Recording:
         """Pitch of the instrument's pixels between which a map was read, in pixels of the map; 0: they are the same."""
         return (self.measured.instrument.pitch_um or 0.0) / float(np.sqrt(self.target.dx_um * self.target.dy_um))
 
+    def away_from_walls(self, wall_px: int) -> Recording:
+        """Return the recording without the points so near to a wall."""
+        near = near_walls_of_both(self.target, self.measured, seen_px(wall_px, self.measured))
+        return replace(self, used=self.used & ~near)
+
     def on_map(self, values: np.ndarray) -> np.ndarray:
         """Return values at the used points as a map, 0 elsewhere, shape (..., rows, cols)."""
         maps = np.zeros((*values.shape[:-1], *self.used.shape))
@@ -147,10 +152,11 @@ def prepare(
     with blaming(target_name):
         _check_target(target, measured)
     require_same_grid(target, measured, (target_name, name))
-    used = measured.measured & ~near_walls_of_both(target, measured, seen_px(wall_px, measured))
+    beside = seen_px(wall_px, measured)
+    used = measured.measured & ~near_walls_of_both(target, measured, beside)
     if not used.any():
         raise ResultError(
-            f"none of {int(measured.measured.sum())} measured points lies {wall_px} px away from walls",
+            f"none of {int(measured.measured.sum())} measured points lies {beside} px away from walls",
             where=name,
             key="heights",
             allowed="use a smaller --wall-px or a structure with slopes",
@@ -197,14 +203,32 @@ def _check_target(target: HeightMap, measured: HeightMap) -> None:
         raise type(error)(error.what, key=error.key, allowed=allowed) from None
 
 
+def require_points(recordings: Sequence[Recording]) -> None:
+    """Refuse a recording on which no point counts.
+
+    Raises
+    ------
+    ResultError
+    """
+    for recording in recordings:
+        if not recording.points:
+            raise ResultError(
+                "no measured point away from walls is left",
+                where=recording.name,
+                key="heights",
+                allowed="use a smaller --wall-px or --working-pitch-um",
+            )
+
+
 def check_points(recordings: Sequence[Recording]) -> None:
     """Refuse recordings that leave fewer points than a fit needs.
 
     Raises
     ------
     ResultError
-        Fewer than `FEWEST_POINTS`.
+        Fewer than `FEWEST_POINTS`, or none at all on one of them.
     """
+    require_points(recordings)
     points = sum(int((r.used & (r.target.heights_um > 0)).sum()) for r in recordings)
     if points < FEWEST_POINTS:
         raise ResultError(
@@ -237,21 +261,22 @@ def without_outliers(recording: Recording, residual_um: np.ndarray, predicted_um
 def coarser(recording: Recording, factor: int) -> Recording:
     """Return the pair on pixels ``factor`` times as wide; a wide pixel counts where most of it counted.
 
-    Rows and columns that do not fill a wide pixel are left out of the recording, but not out of the target: it is
-    completed with empty resin.
+    Where some of it did not, what is measured is by how much recording and target differ: on a slope, the mean height
+    of some of its points is not that of all. At the rim the target is completed with empty resin.
     """
     if factor == 1:
         return recording
     counts = _blocks(recording.used.astype(float), factor)
-    heights = _blocks(np.where(recording.used, recording.measured.heights_um, 0.0), factor)
-    used = counts > 0.5
-    measured = np.where(used, heights / np.where(used, counts, 1), np.nan)
+    differences = recording.measured.heights_um - recording.target.heights_um
+    difference = _blocks(np.where(recording.used, differences, 0.0), factor)
+    wide, used = _blocks(recording.target.heights_um, factor), counts > 0.5
+    measured = np.where(used, wide + difference / np.where(used, counts, 1), np.nan)
 
     def on_grid(values: np.ndarray) -> HeightMap:
         grid = recording.target
         return HeightMap(values, grid.dx_um * factor, grid.dy_um * factor, recording.measured.height_reference)
 
-    target = replace(on_grid(_blocks(recording.target.heights_um, factor)), height_reference="substrate")
+    target = replace(on_grid(wide), height_reference="substrate")
     shown = replace(on_grid(measured), instrument=recording.measured.instrument)
     # of target and recording alike the block is the mean: only what the recording was a mean over before is its own
     width_px = recording.width_px / factor

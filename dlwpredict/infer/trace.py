@@ -10,7 +10,7 @@ import numpy as np
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.model.states import Crosslinked, Dose, Exposed, Numerics
 from dlwpredict.model.steps import Shrinkage, Threshold
-from dlwpredict.parameters import ParameterSet
+from dlwpredict.parameters import ParameterSet, declarations
 from dlwpredict.process import room_px, steps
 
 WORK_SHARE = {"exposed": 0.7, "column mean": 0.3}
@@ -84,11 +84,26 @@ class Trace:
         return replace(self, states=self.states[-1:], room=(-1, -1))
 
 
+def whole(parameters: ParameterSet) -> ParameterSet:
+    """Return a process whose instrument leaves no gaps: what a recording lacks does not count, and needs no prediction.
+
+    Gaps come from switches that no fit moves, such as the steepest angle of `slope-error`.
+    """
+    gaps = [
+        {n: declarations(e)[n][0] for n in e.switches() if not declarations(e)[n][1].fitted} for e in parameters.effects
+    ]
+    if not any(gaps):
+        return parameters
+    return replace(
+        parameters, effects=tuple(replace(e, **off) for e, off in zip(parameters.effects, gaps, strict=True))
+    )
+
+
 def trace(target: HeightMap, parameters: ParameterSet, numerics: Numerics, known: Trace | None = None) -> Trace:
     """Predict what an instrument would show, starting from the last state that an earlier prediction shares.
 
     A change of κ repeats the last step alone, one of the cross-linking FWHMs leaves the exposure as it is; an added
-    effect repeats what follows it.
+    effect repeats what follows it. Gaps that an instrument would leave are none here.
 
     Parameters
     ----------
@@ -99,6 +114,7 @@ def trace(target: HeightMap, parameters: ParameterSet, numerics: Numerics, known
     known : Trace, optional
         An earlier prediction of the same target.
     """
+    parameters = whole(parameters)
     room = room_px(target, parameters)
     chain = tuple(_chain(parameters, numerics, room))
     states: list[Any] = [target.with_heights(np.pad(target.heights_um, [(r, r) for r in room]))]

@@ -120,8 +120,8 @@ def estimate(
     every = Neighbourhood.of(used, *pitch_um, near_px=NEAR_PX, far_px=FAR_PX)
     apart = every
     if ground.read_px > AVERAGED:
-        wide = max(ground.read_px, 1.0)
-        kinds, apart = (kinds[0], (READ * wide,)), Neighbourhood.of(used, *pitch_um, NEAR_PX, FAR_PX, int(wide) + 1)
+        kinds = kinds[0], (READ * max(ground.read_px, 1.0),)
+        apart = Neighbourhood.of(used, *pitch_um, NEAR_PX, FAR_PX, stride_px(ground))
     y, design = values_um[used], smooth[:, used].T
     ways = [(axis, order) for axis in ground.axes for order in (OFFSET, TILT)]
     members = {(axis, order): on_lines(used, axis, order, ground.lean) for axis, order in ways}
@@ -145,6 +145,11 @@ def estimate(
     uneven = Uneven(model, even.growth * model.sigma_um, even.power, rows, columns)
     surely = surely if 0 in ground.axes else none[1]
     return NoiseEstimate(uneven, place, np.cov(places[1:].T), source, surely, by_kind)
+
+
+def stride_px(ground: Ground) -> int:
+    """Return how many pixels apart points are that tell the noise: 1, or so many that none are read from the same."""
+    return int(max(ground.read_px, 1.0)) + 1 if ground.read_px > AVERAGED else 1
 
 
 def _searched(

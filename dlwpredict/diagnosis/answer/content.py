@@ -40,7 +40,8 @@ def content_of(diagnosis: Diagnosis, profiled: Ends | None = None) -> dict[str, 
     finished = profiled is not None and diagnosis.complete
     intervals = diagnosis.intervals(diagnosis.extended.fit).as_dict() if profiled is None else profiled
     named = {item.effect.name for item in diagnosis.named}
-    blind = not_testable(diagnosis.screen, diagnosis.thresholds) - named
+    given = {effect.name for effect in diagnosis.baseline.fit.parameters.effects}
+    blind = not_testable(diagnosis.screen, diagnosis.thresholds) - named - given
     baseline = _model(diagnosis.baseline, diagnosis, intervals if diagnosis.baseline is diagnosis.extended else None)
     return {
         "format": FORMAT,

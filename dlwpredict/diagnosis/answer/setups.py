@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlwpredict.designs import KINDS
 from dlwpredict.effects.base import Effect, Frame
+from dlwpredict.errors import InputError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Fit
 
@@ -106,7 +108,8 @@ def new_designs(fitted: Fit) -> list[Setup]:
         words = " ".join(f"--{key.replace('_', '-')} {value:.10g}" for key, value in (options | pitches).items())
         command = f"dlwpredict design {kind} -o next-{name}.tif {words}"
         action = f"Print and record one more structure, next-{name}.tif ({KINDS[kind].meaning})"
-        setups.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
+        with suppress(InputError):  # a field too small for its details
+            setups.append(Setup(name, 2, action, KINDS[kind](**options, **pitches), command=command))
     return setups
 
 
