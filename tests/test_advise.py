@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -193,6 +194,13 @@ def test_every_command_makes_the_design_that_was_simulated(quiet, tmp_path, monk
         assert done.exit_code == 0 and "warning" not in done.output, done.output
         made = read_height_map(tmp_path / words[words.index("-o") + 1])
         np.testing.assert_allclose(made.heights_um, setup.target.heights_um, atol=1e-5)
+
+
+def test_of_a_small_field_only_designs_that_fit_into_it_are_tried():
+    target = HeightMap(np.pad(np.full((8, 8), 2.0), 2), 0.3, 0.3)
+    data = [SimpleNamespace(recording=SimpleNamespace(target=target))]
+    tried = [setup.target.shape for setup in new_designs(SimpleNamespace(data=data))]
+    assert all(max(shape) <= 14 for shape in tried)
 
 
 def test_what_nothing_separates_says_so(quiet):

@@ -230,6 +230,8 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
 
     (said,) = cautions(verdict="unexplained", remainder=rest)
     assert "60 % of the mismatch has no name" in said
+    (said,) = cautions(better=False, named=(), verdict="unexplained", remainder=rest)
+    assert "what the seven parameters leave has no name" in said
     (said,) = cautions(better=False, verdict="unexplained", remainder=rest)
     assert "do not predict better what no fit has seen" in said
     (said,) = cautions(verdict="identified", remainder=rest)

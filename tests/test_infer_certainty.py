@@ -13,7 +13,7 @@ from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, choose
 from dlwpredict.infer.intervals import NORMAL, considered, curved, deviations, held, intervals, linear, profile
 from dlwpredict.infer.noises import compressed, noises, plane
-from dlwpredict.infer.null import COHERENT_UM, Null
+from dlwpredict.infer.null import COHERENT_UM, Null, numerical
 from dlwpredict.infer.objective import Fit, Nuisances, Objective, Work
 from dlwpredict.infer.recording import prepare
 from dlwpredict.infer.rows import Rows
@@ -104,6 +104,18 @@ class TestDeviations:
         assert 0.92 <= np.mean(held) <= 0.995
 
 
+class TestNumerical:
+    @pytest.mark.parametrize("share", [1.0, 0.25])
+    def test_a_column_whose_rows_are_priors_sees_less_of_it(self, share):
+        """A difference c·m of the shape m has c·|d|² along a column of data rows d: |d| times that of a whole one."""
+        shape = np.cos(np.arange(SIDE) / 3)[None, None] * ONE
+        fit = fit_of(shape, 0 * ONE[0], WHITE, FREE)
+        whole = fit.jacobian / np.linalg.norm(fit.jacobian, axis=0)
+        expected = COHERENT_UM / 0.03 * np.sqrt(share * len(whole))
+        assert numerical(fit, np.sqrt(share) * whole)[0] == pytest.approx(expected, rel=1e-6)
+        assert numerical(fit, 0 * whole)[0] == 0
+
+
 class TestLinear:
     def test_is_taken_on_the_logarithm_of_what_is_positive(self):
         reach = 1.96 * 0.05
@@ -176,6 +188,7 @@ class TestHeldOut:
     def test_small_maps_are_not_cut_unless_they_must_be(self):
         fit = fit_of(ONE, np.zeros((SIDE, SIDE)), WHITE, FREE)
         assert held_out.blocks(fit) is None
+        assert len(held_out.blocks(fit, width_um=10.0).points) == 4  # those of another fit, to be compared with
         assert held_out.cuts(fit) == [(1, 1)] and held_out.cuts(fit, 2) == [(2, 2)]
 
     def test_points_near_a_block_do_not_help_to_predict_it(self):
@@ -244,6 +257,18 @@ class TestNoises:
         (found,) = noises([recording], [left], [plane(target)], repeats=[[second]])
         assert found.model.even.sigma_um == pytest.approx(0.01, rel=0.15)
         assert found.model.row_um < 0.002
+
+    def test_several_repeats_tell_more_than_one(self):
+        rng = np.random.default_rng(3)
+        target = HeightMap(np.full((SIDE, SIDE), 2.0), 0.5, 0.5)
+        maps = [target.with_heights(2 + 0.01 * rng.normal(size=target.shape)) for _ in range(4)]
+        recording, residual = prepare(target, maps[0], wall_px=0), maps[0].heights_um - 2
+        (found,) = noises([recording], [residual], [plane(target)], repeats=[maps[1:]])
+        assert found.model.even.sigma_um == pytest.approx(0.01, rel=0.1) and found.source == "repeats"
+
+    def test_a_design_holds_no_more_than_half_of_what_tells_the_noise(self):
+        used = np.ones((SIDE, SIDE), dtype=bool)
+        assert len(compressed(np.random.default_rng(0).normal(size=(9, SIDE, SIDE)), used, 4)) == 4
 
     def test_a_design_is_kept_to_what_is_independent(self):
         used = np.ones((SIDE, SIDE), dtype=bool)

@@ -363,6 +363,26 @@ class TestFitter:
         (settled,) = fitter.settle([off])
         assert settled.free.names == off.free.names != alone.free.names and settled.cost <= alone.cost + 0.1
 
+    def test_a_quick_fit_that_was_given_up_is_made_anew(self, air, printed, monkeypatch):
+        """From its new start; an interrupted run takes up both, in their order."""
+        begun, stored = [], {}
+
+        def quickly(objective, like, own):
+            begun.append(own[0].parameters.paper.shrinkage_max)
+            free = choose(own[0].parameters, free=KAPPAS)
+            return objective.at(free, free.start), 1.0
+
+        quickly.__name__ = "_quick"
+        monkeypatch.setattr(fitting, "_quick", quickly)
+        starts = [Start(replace(LOW, paper=replace(LOW.paper, shrinkage_max=value))) for value in (0.9, 0.8)]
+        for _ in range(2):
+            fitter = Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS), stored=stored)
+            (first,) = fitter.contest([[starts[0]]]).values()
+            assert fitter.reopened(starts[1]) and not fitter.has(starts[1])
+            (second,) = fitter.contest([[starts[1]]]).values()
+            assert (first.parameters.paper.shrinkage_max, second.parameters.paper.shrinkage_max) == (0.9, 0.8)
+        assert begun == [0.9, 0.8]
+
     def test_the_lowest_of_its_starts_wins(self, air, printed):
         free = choose(LOW, free=["exposure_fwhm_z_um", "threshold"])
         far = replace(LOW, paper=replace(TRUTH.paper, exposure_fwhm_z_um=8.0, threshold=0.1))

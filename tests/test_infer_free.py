@@ -8,7 +8,7 @@ import pytest
 from dlwpredict.effects import library
 from dlwpredict.errors import InputError
 from dlwpredict.infer.free import choose, fittable, value_of, with_values
-from dlwpredict.infer.model import freed, moving
+from dlwpredict.infer.model import freed, key_of, moving
 from dlwpredict.infer.straight import bending, bent, straight
 from dlwpredict.parameters import Paper, ParameterSet, declarations
 
@@ -86,6 +86,18 @@ class TestMoving:
         effect = library()["slope-error"](bias_um=0.02, max_angle_deg=60.0)
         names = freed(ParameterSet(effects=(effect,)), choose(ParameterSet(), free=["threshold"])).names
         assert names == ("threshold", "slope-error.bias_um")
+
+    def test_bounds_of_an_effect_that_a_search_adds_are_no_error(self):
+        """A file may hold them; what the search begins with is brought inside."""
+        process = ParameterSet(effects=(library()["curl"](rise_um=-0.2),), bounds={"curl.rise_um": (0.2, 0.5)})
+        free = freed(process, choose(ParameterSet(), free=["threshold"]))
+        assert free.start[free.index("curl.rise_um")] == 0.2
+
+    def test_a_model_is_the_same_in_whatever_order_its_effects_stand(self):
+        """What they share belongs to none of them."""
+        effects = library()["vignetting"](strength=0.05), library()["dose-memory"](gain=0.05)
+        models = [freed(ParameterSet(effects=order), choose(ParameterSet())) for order in (effects, effects[::-1])]
+        assert models[0].names != models[1].names and key_of(models[0]) == key_of(models[1])
 
 
 class TestStraight:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
+from dlwpredict.effects import library
 from dlwpredict.errors import InputError, ResultError
 from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.free import with_values
@@ -171,6 +172,29 @@ class TestRecordings:
         assert kept.points > 0.99 * recording.points
 
 
+class TestRepeats:
+    def test_walls_that_count_in_the_recording_count_in_its_repeat(self, block):
+        pair = Pair.of(block, block, ParameterSet(), wall_px=0)
+        assert np.isfinite(pair.repeated(block).repeats[0].heights_um).all()
+
+    def test_one_of_another_place_is_refused(self, block):
+        left, right = (block.with_heights(np.where(half, block.heights_um, np.nan)) for half in self.halves(block))
+        pair = Pair.of(block, left, ParameterSet(), working_pitch_um=0)
+        with pytest.raises(ResultError, match="again: --repeat: none of its points counts"):
+            pair.repeated(right, name="again")
+
+    @staticmethod
+    def halves(part):
+        left = np.broadcast_to(part.x_um < 0, part.shape)
+        return left, ~left
+
+
+def test_an_instrument_that_leaves_gaps_is_predicted_without(air):
+    gaps = ParameterSet(effects=(library()["slope-error"](max_angle_deg=20.0),))
+    assert np.isnan(predict(air, gaps, as_measured=True).heights_um).any()
+    assert np.isfinite(trace(air, gaps, Levels()).heights_um).all()
+
+
 class TestPixels:
     def test_working_pixels_are_as_wide_as_the_focus_allows(self):
         part = HeightMap(np.ones((9, 9)), 0.05, 0.05)
@@ -197,6 +221,26 @@ class TestPixels:
         assert pair.factor == 8 and len(own) and set(own.round(9)) == {2.0, 4.0, 6.0}
         kept = Pair.of(part, part, ParameterSet(), working_pitch_um=0.8, wall_px=0)
         assert kept.recording.used.all()
+
+    def test_between_many_walls_they_are_narrower(self):
+        """Lines seven pixels wide leave one between their walls: no wider pixel would count."""
+        lines = np.where(np.arange(160) // 7 % 2, 3.0, 2.0)
+        part = HeightMap(np.tile(lines, (160, 1)), 0.1, 0.1)
+        pair = Pair.of(part, part, ParameterSet())
+        assert working_factor(part, ParameterSet()) == 3 and pair.factor == 1 and pair.recording.points
+        none = Pair.of(part, part, ParameterSet(), working_pitch_um=0.4)
+        with pytest.raises(ResultError, match="recording: heights: no measured point away from walls is left"):
+            check_points([none.recording])
+
+    @pytest.mark.parametrize("slope", [0.3, -0.6])
+    def test_holes_on_a_slope_bias_none(self, slope):
+        """The mean of some points of a slope is not that of all; what the recording differs by is."""
+        heights = 8 + slope * 0.1 * np.add.outer(np.zeros(60), np.arange(60))
+        part = HeightMap(heights, 0.1, 0.1)
+        holes = np.random.default_rng(0).random(part.shape) < 0.2
+        seen = part.with_heights(np.where(holes, np.nan, heights + 0.05))
+        worked = coarser(prepare(part, seen, wall_px=0), 3)
+        np.testing.assert_allclose((worked.measured.heights_um - worked.target.heights_um)[worked.used], 0.05)
 
     def test_the_user_may_ask_for_a_pitch(self):
         part = HeightMap(np.ones((9, 9)), 0.1, 0.1)
