@@ -15,7 +15,7 @@ from dlwpredict import designs
 from dlwpredict.batch.chain import perform
 from dlwpredict.batch.manifest import read_manifest
 from dlwpredict.batch.workers import work
-from dlwpredict.cli import batch
+from dlwpredict.cli import batch, options
 from dlwpredict.cli.app import app
 from dlwpredict.errors import InputError
 from dlwpredict.files import read_height_map, write_height_map
@@ -214,7 +214,7 @@ def test_structures_may_have_words_of_their_own(folder):
 
 
 def test_every_path_of_a_batch_command_is_known_as_read_or_written():
-    """A new output must be entered in `batch.OUTPUTS`, or it would be taken for an input."""
+    """A new output must be entered in `options.OUTPUTS`, or it would be taken for an input."""
     read = {
         "height_map",
         "holdout",
@@ -235,7 +235,7 @@ def test_every_path_of_a_batch_command_is_known_as_read_or_written():
     for module in modules:
         for name, given in inspect.signature(module.run, eval_str=True).parameters.items():
             if "Path" in str(typing.get_args(given.annotation)[:1]):
-                assert name in read or name in batch.OUTPUTS, f"{module.COMMAND}: {name}"
+                assert name in read or name in options.OUTPUTS, f"{module.COMMAND}: {name}"
 
 
 def fatal_for_three(number):

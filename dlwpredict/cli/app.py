@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import platform
 import re
 from collections.abc import Iterator
@@ -57,6 +58,10 @@ class _Program(TyperGroup):
             typer.echo(fault(error), err=True)
         except MemoryError:
             typer.echo("error: not enough memory for this input, allowed: fewer points or a coarser pitch", err=True)
+        except OSError as error:  # a folder that may not be entered, a name that is too long, a full disk
+            if error.errno == errno.EPIPE:
+                raise
+            typer.echo(f"error: {error.filename or 'output'}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from None
 
 

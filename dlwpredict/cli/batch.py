@@ -14,6 +14,7 @@ from dlwpredict.batch.chain import Chain, Command, Said, Step, perform
 from dlwpredict.batch.manifest import Structure, read_manifest
 from dlwpredict.batch.workers import work
 from dlwpredict.cli import options
+from dlwpredict.cli.anytime import INTERRUPTED
 from dlwpredict.cli.commands import imported
 from dlwpredict.cli.console import counted, say, warn
 from dlwpredict.cli.large import Scheduler
@@ -30,9 +31,6 @@ COMMAND = "batch"
 FIGURES = True
 
 COMMANDS = ("align", "calibrate", "convert", "diagnose", "export-stl", "precompensate", "predict", "score")
-OUTPUTS = ("output", "report", "json_file", "params_out", "plot", "transfer_plot", "unreachable", "maps")
-"""Parameters of these commands that name what is written, the main output first; all other paths are read."""
-
 _alone = threading.Lock()
 
 
@@ -106,8 +104,8 @@ def command_of(words: tuple[str, ...], number: int, overwrite: bool) -> Command:
         values = _parsed(words)
     except UsageError as error:
         raise InputError(f"{words[0]}: {error.format_message().rstrip('.')}", key=key) from None
-    given = {name: paths for name, value in values.items() if (paths := _paths(value))}
-    written = ("target", *OUTPUTS) if words[0] == "convert" else OUTPUTS
+    given = {name: paths for name, value in values.items() if (paths := options.paths_of(value))}
+    written = ("target", *options.OUTPUTS) if words[0] == "convert" else options.OUTPUTS
     outputs = [path for name in sorted(given, key=_rank) if name in written for path in given[name]]
     inputs = [path for name in given if name not in written for path in given[name]]
     if not outputs or Path(STANDARD) in outputs:
@@ -116,7 +114,7 @@ def command_of(words: tuple[str, ...], number: int, overwrite: bool) -> Command:
 
 
 def _rank(name: str) -> int:
-    return OUTPUTS.index(name) if name in OUTPUTS else 0
+    return options.OUTPUTS.index(name) if name in options.OUTPUTS else 0
 
 
 def _parsed(words: tuple[str, ...]) -> dict[str, Any]:
@@ -130,10 +128,6 @@ def _parsed(words: tuple[str, ...]) -> dict[str, Any]:
     except typer.Exit:
         raise typer.BadParameter("--help is no work") from None
     return values
-
-
-def _paths(value: Any) -> list[Path]:
-    return [path for path in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(path, Path)]
 
 
 def _check_files(chains: list[Chain], structures: list[Structure], folder: Path) -> None:
@@ -178,6 +172,8 @@ def call(words: tuple[str, ...], folder: Path) -> Said:
             code, errors = 2, io.StringIO(f"error: {error.format_message()}\n")
         except Exception as error:  # a fault of the program must not stop the other structures
             code, errors = 1, io.StringIO(f"error: fault of the program: {type(error).__name__}: {error}\n")
+    if code == INTERRUPTED:
+        raise KeyboardInterrupt
     said = errors.getvalue().splitlines()
     warnings = tuple(line.removeprefix("warning: ") for line in said if line.startswith("warning: "))
     faults = [line.removeprefix("error: ") for line in said if line.startswith("error: ")]

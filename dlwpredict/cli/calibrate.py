@@ -74,7 +74,7 @@ def run(
         bool,
         typer.Option("--priors/--no-priors", help="Use what is known beforehand, or data alone."),
     ] = True,
-    wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
+    wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0, max=10_000)] = WALL_PX,
     working_pitch_um: Annotated[
         float | None,
         typer.Option(

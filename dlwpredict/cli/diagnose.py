@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -40,7 +41,7 @@ def run(
         bool,
         typer.Option("--reproducible", help="Diagnose ten halves of four or more recordings: do they agree?"),
     ] = False,
-    wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0)] = WALL_PX,
+    wall_px: Annotated[int, typer.Option(help="Points this near to walls do not count.", min=0, max=10_000)] = WALL_PX,
     working_pitch_um: Annotated[
         float | None,
         typer.Option(help="Average pixels to about this pitch; if absent, what the focus allows.", **options.LENGTH),
@@ -93,10 +94,14 @@ def run(
             warn(f"ended by {end.cause} before all files were read: nothing is written")
     if end.cause not in ("", LIMIT):
         raise typer.Exit(INTERRUPTED)
+    if session:
+        session.require_outputs()
 
 
 def _check_maps(maps: Path | None, *, overwrite: bool) -> None:
-    """Refuse a folder for maps that cannot be made, or holds anything."""
+    """Refuse a folder for maps that cannot be made or written to, or holds anything."""
+    if maps and maps.parent.is_dir() and not os.access(maps if maps.is_dir() else maps.parent, os.W_OK | os.X_OK):
+        raise InputError("folder cannot be written to", where=maps, key="--maps", allowed="another folder")
     if maps and not maps.parent.is_dir():
         raise InputError("folder does not exist", where=maps, key="--maps", allowed=f"create {maps.parent} first")
     if maps and maps.exists() and not (maps.is_dir() and (overwrite or not any(maps.iterdir()))):

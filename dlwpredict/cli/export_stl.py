@@ -14,6 +14,7 @@ from dlwpredict.cli.streams import tell
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map
 from dlwpredict.files.atomic import replacing
+from dlwpredict.files.plausibility import unusual_height
 from dlwpredict.files.stl import write_solid
 from dlwpredict.metrology.missing import fill_missing
 from dlwpredict.solid.mesh import merged, solid_of
@@ -55,6 +56,8 @@ def run(
     if output.suffix.lower() != ".stl":
         raise InputError(f"found {output.suffix or 'no ending'}", where=output, key="format", allowed="allowed: .stl")
     part = read_height_map(height_map, pitch_um=options.pitch(pitch_um), z_scale=z_scale)
+    for doubt in unusual_height(part):
+        warn(f"{height_map}: {doubt}")
     with blaming(height_map):
         if fill is not None:
             part = fill_missing(part, fill)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -33,8 +34,17 @@ def length_um(text: str | float) -> float:
     if not isinstance(text, str):
         return float(text)
     match = _LENGTH.fullmatch(text)
-    return float(f"{float(match[1]) * um_per(match[2], 'length'):.15g}") if match and match[2] else float(text)
+    length = float(f"{float(match[1]) * um_per(match[2], 'length'):.15g}") if match and match[2] else float(text)
+    if abs(length) > LONGEST_UM:
+        raise typer.BadParameter(f"{text} is longer than a metre")
+    return length
 
+
+LONGEST_UM = 1e6
+"""A metre: no length of a print, a map or a pitch is longer."""
+
+OUTPUTS = ("output", "report", "json_file", "params_out", "plot", "transfer_plot", "unreachable", "maps")
+"""Parameters of commands that name what is written, the main output first; all other paths are read, but OUT."""
 
 LENGTH: dict[str, Any] = {"parser": length_um, "metavar": "LENGTH"}
 """What makes an option of typer take a length: 0.1 or 100nm."""
@@ -50,7 +60,7 @@ Parameters = Annotated[
     ),
 ]
 Jobs = Annotated[int | None, typer.Option(help="Processes at once; as many as cores if absent.", min=1)]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of all randomness.")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of all randomness.", min=0)]
 PitchUm = Annotated[
     str | None,
     typer.Option("--pitch-um", metavar="DX [DY]", help="Pixel pitch in µm, or 100nm; wins over what the file says."),
@@ -191,6 +201,25 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
             raise InputError("exists already", where=path, key="output", allowed="allowed with --overwrite")
     if len({path.resolve() for path in wanted}) < len(wanted):
         raise InputError("named for two outputs", where=wanted[-1], key="output", allowed="one file each")
+
+
+def paths_of(value: Any) -> list[Path]:
+    """Return the paths of a parameter's value: one, several or none."""
+    return [path for path in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(path, Path)]
+
+
+def check_apart(arguments: Mapping[str, Any]) -> None:
+    """Refuse an output that a command reads as well.
+
+    Raises
+    ------
+    InputError
+    """
+    read = {path.resolve() for name, value in arguments.items() if name not in OUTPUTS for path in paths_of(value)}
+    for name in OUTPUTS:
+        for path in paths_of(arguments.get(name)):
+            if path.resolve() in read and not path.is_dir():
+                raise InputError("is read by this command", where=path, key="output", allowed="one file each")
 
 
 def joined_pairs(arguments: list[str]) -> list[str]:

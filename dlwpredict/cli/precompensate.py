@@ -25,6 +25,7 @@ from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.formats import format_of
 from dlwpredict.files.parameters_yaml import read_parameters
+from dlwpredict.files.plausibility import unusual_height
 from dlwpredict.files.provenance import cautions_of
 from dlwpredict.files.yaml_text import yaml_text
 from dlwpredict.process import check_target
@@ -106,6 +107,8 @@ def run(
     for caution in cautions_of(process.provenance):
         warn(f"{parameters}: {caution}")
     part = read_height_map(target)
+    for doubt in unusual_height(part):
+        warn(f"{target}: {doubt}")
     with blaming(target):
         check_target(part)
     slicing = process.writing.slicing_um if slicing_um is None else slicing_um

@@ -18,6 +18,7 @@ from dlwpredict.correction.surround import doubt_of_edges
 from dlwpredict.errors import InputError, blaming
 from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.files.parameters_yaml import read_parameters
+from dlwpredict.files.plausibility import unusual_height
 from dlwpredict.model.levels import Levels
 from dlwpredict.model.states import Numerics
 from dlwpredict.model.voxels import Voxels
@@ -78,6 +79,8 @@ def run(
         numerics: Numerics = Voxels(slice_um, memory_mb)
     else:
         numerics = Levels(threads)
+    for doubt in unusual_height(part):
+        warn(f"{target}: {doubt}")
     detail(f"target: {part.summary()}")
     with blaming(target):
         continued = surround is options.Surround.continued

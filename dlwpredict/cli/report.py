@@ -9,6 +9,7 @@ import typer
 
 from dlwpredict.cli import options
 from dlwpredict.cli.console import say, warn
+from dlwpredict.errors import InputError
 
 COMMAND = "report"
 
@@ -25,6 +26,8 @@ def run(
     $ dlwpredict report runs/demo -o report.html
     """
     options.check_outputs(output, overwrite=overwrite)
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"found {output.suffix or 'no ending'}", where=output, key="format", allowed="allowed: .html")
     from dlwpredict.pages.report import write_report  # matplotlib takes a second
     from dlwpredict.pages.run_folder import read_run, unmatched
 

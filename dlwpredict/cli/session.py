@@ -20,7 +20,7 @@ from dlwpredict.diagnosis.answer.content import FORMAT
 from dlwpredict.diagnosis.answer.words import listed
 from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.run import Course, Stage
-from dlwpredict.errors import InputError
+from dlwpredict.errors import InputError, ResultError
 from dlwpredict.files import write_height_map
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
@@ -170,7 +170,9 @@ class Session:
         low, high = (about(prediction_s * count / processes) for count in PREDICTIONS)
         say(f"{pixels_of(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
         if not self.content:
-            self._write_answer(content)
+            self.content = self._completed(content)
+            if not output.exists():  # an answer that stands is replaced by one that says something
+                write_text(output, yaml_text(self.content))
         self.companion.write()
 
     def search(self, *, advice: bool, reproducible: bool = False) -> None:
@@ -223,6 +225,7 @@ class Session:
             if outputs.params_out:
                 stated = with_cautions(answer.cautions)
                 write_parameters(outputs.params_out, replace(answer.parameters, provenance=stated))
+        if self.content:
             write_text(outputs.output, yaml_text(self.content))
         if self.finished:
             self.companion.remove()
@@ -235,6 +238,23 @@ class Session:
             say(line)
         if not self.finished:
             warn(self._unfinished(cause))
+
+    def require_outputs(self) -> None:
+        """Refuse to end well where a file that was asked for was not written: a Makefile would go on with an older one.
+
+        Raises
+        ------
+        ResultError
+            The search was ended before there was any answer.
+        """
+        named = [path for path in (self.outputs.params_out, self.outputs.maps, self.outputs.report) if path]
+        if named and self.best is None:
+            raise ResultError(
+                "ended before there was an answer: not written",
+                where=named[0],
+                key="output",
+                allowed="--resume goes on",
+            )
 
     def _unfinished(self, cause: str) -> str:
         """Say in one line what has not been tried."""

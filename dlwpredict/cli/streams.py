@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from dlwpredict.cli.options import check_outputs
+from dlwpredict.cli.options import check_apart, check_outputs
 from dlwpredict.cli.signatures import taking
 from dlwpredict.errors import InputError
 from dlwpredict.files.atomic import write_text
@@ -92,6 +92,7 @@ def with_streams(
             if path is not None and path in options.values():
                 raise InputError("named twice", where=path, key="--json", allowed="one file each")
             check_outputs(path, overwrite=options.get("overwrite", False))
+            check_apart(options | {"json_file": path})
             try:
                 run(**options)
             except typer.Exit:  # it came to its end, and some of the work had failed

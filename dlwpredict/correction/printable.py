@@ -58,6 +58,11 @@ class Printable:
         >>> float(np.ptp(Printable(smallest_um=0.3).of(comb, part)))
         0.0
         """
+        for width, key in ((self.smooth_um, "--smooth-um"), (self.smallest_um, "--smallest-feature-um")):
+            if width > max(target.size_um):
+                raise InputError(
+                    f"found {width:g} µm", key=key, allowed=f"allowed: to {max(target.size_um):g} µm for this map"
+                )
         footprint, h = target.heights_um > 0, target.heights_um
         change = np.where(footprint, written - h, 0.0)
         if self.smallest_um:

@@ -130,6 +130,13 @@ def unmarked(height_map: HeightMap) -> list[str]:
     return [f"{count} filled points are no longer marked as such (.tif keeps the marks)"] if count else []
 
 
+def unsaid(height_map: HeightMap, *, reference: bool = False) -> list[str]:
+    """Return the remark of a format that cannot keep what is known of the instrument, nor of the heights' zero."""
+    lost = ["what recorded it, its fast axis, pitch and scale"] if height_map.instrument != UNKNOWN else []
+    lost += ["that its heights are relative"] if reference and height_map.height_reference == "relative" else []
+    return [f"the file no longer says {' and '.join(lost)} (.tif does): fits will take it for exact"] if lost else []
+
+
 @dataclass(frozen=True)
 class Format:
     """A height-map format: its endings, its reader and its writer.

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, float32, require_size, um_per, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, float32, require_size, um_per, unmarked, unsaid
 from dlwpredict.files.key_lines import parse_lines
 from dlwpredict.heightmap import HeightMap
 
@@ -66,7 +66,7 @@ def write_gsf(path: Path, height_map: HeightMap) -> list[str]:
     head = _MAGIC + "".join(f"{key} = {value}\n" for key, value in header.items()).encode()
     head += b"\0" * (4 - len(head) % 4)
     path.write_bytes(head + float32(height_map.heights_um * 1e-6).tobytes())
-    return unmarked(height_map)
+    return unmarked(height_map) + unsaid(height_map)
 
 
 def _positive(lines: dict[str, str], name: str) -> float:

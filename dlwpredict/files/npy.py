@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, require_size, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, require_size, unmarked, unsaid
 from dlwpredict.heightmap import HeightMap
 
 
@@ -36,7 +36,11 @@ def write_npy(path: Path, height_map: HeightMap) -> list[str]:
     with path.open("wb") as stream:
         np.lib.format.write_array(stream, height_map.heights_um, allow_pickle=False)
     pitch = f"{height_map.dx_um:g} {height_map.dy_um:g}"
-    return [f"holds no pitch, read it with --pitch-um {pitch}", *unmarked(height_map)]
+    return [
+        f"holds no pitch, read it with --pitch-um {pitch}",
+        *unmarked(height_map),
+        *unsaid(height_map, reference=True),
+    ]
 
 
 FORMAT = Format("NumPy matrix", (".npy",), read_npy, write_npy)

@@ -96,9 +96,9 @@ def _refuse_unknown(content: dict, known: tuple[str, ...], section: str = "") ->
 
 
 def _number(value: Any, key: str) -> float:
-    """Return a float; YAML hands 1e-1 over as text."""
+    """Return a float; YAML hands 1e-1 over as text, but no other number."""
     try:
-        if isinstance(value, bool):
+        if isinstance(value, bool) or (isinstance(value, str) and "e" not in value.lower()):
             raise TypeError
         return float(value)
     except (TypeError, ValueError):
@@ -115,7 +115,7 @@ def _paper(content: dict, section: str = "") -> Paper:
 
 
 def _mapping(content: dict, section: str) -> dict:
-    value = content.get(section) or {}
+    value = {} if content.get(section) is None else content[section]
     if not isinstance(value, dict):
         raise InputError(f"found {value!r}", key=section, allowed="allowed: a mapping of keys to values")
     return value

@@ -45,11 +45,21 @@ def plausibility(height_map: HeightMap) -> list[str]:
     for axis, extent in zip("xy", height_map.size_um, strict=True):
         if not FIELD_UM[0] <= extent <= FIELD_UM[1]:
             warnings.append(f"field {extent:.4g} µm in {axis}, usual 10 to 10000 µm: is the pitch right (--pitch-um)?")
-    heights = height_map.heights_um[~np.isnan(height_map.heights_um)]
-    z_range = float(heights.max() - heights.min())
-    if not Z_RANGE_UM[0] <= z_range <= Z_RANGE_UM[1]:
-        warnings.append(f"z range {z_range:.4g} µm, usual 0.01 to 1000 µm: is the unit right (--z-scale)?")
-    return warnings + clipping(height_map)
+    heights = height_map.heights_um
+    return warnings + unusual_range(float(np.nanmax(heights) - np.nanmin(heights))) + clipping(height_map)
+
+
+def unusual_height(design: HeightMap) -> list[str]:
+    """Return a warning where a design is lower or higher than any usual one; of one that is empty others speak."""
+    height = float(np.nanmax(design.heights_um))
+    return unusual_range(height) if height > 0 else []
+
+
+def unusual_range(z_range: float) -> list[str]:
+    """Return a warning where heights in µm span less or more than usual."""
+    if Z_RANGE_UM[0] <= z_range <= Z_RANGE_UM[1]:
+        return []
+    return [f"z range {z_range:.4g} µm, usual 0.01 to 1000 µm: is the unit right (--z-scale)?"]
 
 
 def clipping(height_map: HeightMap) -> list[str]:
@@ -132,12 +142,13 @@ def _compared(target: HeightMap, measured: HeightMap) -> list[tuple[str, str, st
     """Return what is compared: name, key, option, and the size of the recording and of the target, µm.
 
     Of a recording that may be tilted the relief is only known to lie between that about its plane and that as it lies;
-    what agrees best is taken.
+    of a target without bare substrate, between its own and its height. What agrees best is taken.
     """
-    written = float(np.nanmax(target.heights_um) - min(np.nanmin(target.heights_um), 0.0))
+    top, lowest = float(np.nanmax(target.heights_um)), float(np.nanmin(target.heights_um))
     across, up = (slope / 1e3 for slope in tilt_mrad(measured))
     plane = across * measured.x_um + up * measured.y_um[:, None]
     low, high = sorted(_relief_um(heights) for heights in (measured.heights_um - plane, measured.heights_um))
+    written = float(np.clip(high, top - lowest, top - min(lowest, 0.0)))
     field, wanted = (float(np.sqrt(np.prod(height_map.size_um))) for height_map in (measured, target))
     compared = [
         ("relief", "heights", "--z-scale", float(np.clip(written, low, high)), written),

@@ -51,7 +51,24 @@ def matrix_of(lines: list[tuple[int, str]]) -> tuple[np.ndarray, InputError | No
                 key="rows",
                 allowed="the same number in every line",
             )
-    return np.array(rows), label
+    matrix = np.array(rows)
+    if _lists_points(matrix):
+        raise InputError(
+            f"{len(matrix)} lines of x, y and z", key="numbers", allowed="a matrix of heights, a line for each row"
+        )
+    return matrix, label
+
+
+def _lists_points(matrix: np.ndarray) -> bool:
+    """Tell whether a matrix is a list of x, y, z: three columns, the first two of them places on a grid, each once.
+
+    >>> _lists_points(np.array([[x, y, 0.5] for y in range(4) for x in range(3)]))
+    True
+    """
+    if matrix.shape[1] != 3 or len(matrix) < _FEWEST**2:
+        return False
+    places = [len(np.unique(matrix[:, k])) for k in (0, 1)]
+    return min(places) > 1 and places[0] * places[1] == len(matrix) == len(np.unique(matrix[:, :2], axis=0))
 
 
 def delimiter_of(line: str) -> str | None:

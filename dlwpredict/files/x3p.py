@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from dlwpredict.errors import InputError
-from dlwpredict.files.formats import Format, Pair, Stored, float32, said, unmarked
+from dlwpredict.files.formats import Format, Pair, Stored, float32, said, unmarked, unsaid
 from dlwpredict.files.key_lines import parse_lines, stored_facts
 from dlwpredict.heightmap import HeightMap
 
@@ -69,7 +69,7 @@ def write_x3p(path: Path, height_map: HeightMap) -> list[str]:
             revision=x3pio.Revision.ISO5436_2000,
             metadata=metadata,
         )
-    return unmarked(height_map)
+    return unmarked(height_map) + unsaid(height_map)
 
 
 def _unpacked(path: Path) -> io.BytesIO:

@@ -138,7 +138,7 @@ def untested(recordings: Sequence[Recording], predicted_um: Sequence[np.ndarray]
     remainder = {"significant": False, "kind": "none", "rms_um": None, "p_value": None, "explained_share": None}
     return {
         "format": FORMAT,
-        "verdict": "none",
+        "verdict": "unexplained",
         "complete": False,
         "sentence": words.UNTESTED,
         "noise_um": _short(scale_um(steps) / np.sqrt(2) if steps.size else 1e-3),
