@@ -23,6 +23,7 @@ from dlwpredict.files import read_height_map, write_height_map
 from dlwpredict.heightmap import HeightMap
 
 PROGRAM = Path(sys.executable).with_name("dlwpredict")
+PARAMETERS = Path(__file__).parents[1] / "configs" / "paper-defaults.yaml"
 
 
 def run(*arguments):
@@ -109,6 +110,45 @@ def test_a_json_file_is_an_output_like_any_other(tmp_path, part):
     assert "exists already" in refused.stderr
     assert not (tmp_path / "b.tif").exists()
     assert "named twice" in run("predict", part, "-o", tmp_path / "b.tif", "--json", tmp_path / "b.tif").stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("score", "part.tif", "part.tif", "--json", "part.tif"),
+        ("align", "part.tif", "part.tif", "-o", "a.tif", "--report", "part.tif"),
+        ("precompensate", "part.tif", "-p", "p.yaml", "-o", "c.tif", "--report", "p.yaml"),
+    ],
+)
+def test_no_output_is_an_input_too(part, monkeypatch, words):
+    """Not even with --overwrite, as Makefiles give it."""
+    monkeypatch.chdir(part.parent)
+    (part.parent / "p.yaml").write_text(Path(PARAMETERS).read_text(encoding="utf-8"), encoding="utf-8")
+    before = {path: path.read_bytes() for path in part.parent.iterdir()}
+    result = run(*words, "--overwrite")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert f"error: {words[-1]}: output: is read by this command" in result.stderr
+    assert {path: path.read_bytes() for path in part.parent.iterdir()} == before
+
+
+def test_what_the_system_refuses_is_said_in_one_line(part):
+    result = run("convert", part, part.parent / f"{300 * 'a'}.tif")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert "File name too long" in result.stderr
+
+
+@pytest.mark.parametrize("words", [("--seed", "-1"), ("--working-pitch-um", "1e300"), ("--wall-px", 21 * "9")])
+def test_numbers_beyond_all_sense_are_wrong_words(part, words):
+    result = run("calibrate", "--pair", part, part.parent / "r.tif", "-o", part.parent / "p.yaml", *words)
+    assert result.exit_code == 2 and words[0] in result.stderr
+
+
+@pytest.mark.parametrize("command", ["predict", "precompensate"])
+def test_the_unit_of_a_design_is_doubted(part, command):
+    heights = read_height_map(part)
+    write_height_map(part, heights.with_heights(1e-4 * heights.heights_um))
+    result = run(command, part, "-o", part.parent / "a.tif")
+    assert result.exit_code == 0 and "is the unit right (--z-scale)?" in result.stderr
 
 
 def test_what_is_not_finite_is_null(tmp_path):

@@ -140,15 +140,18 @@ def test_the_end_of_a_time_waits_for_a_first_answer_and_ctrl_c_does_not():
 
 @pytest.mark.slow
 def test_a_time_limit_ends_it_before_anything_was_tested(prints, whole, tmp_path):
-    """However short it is and however busy the machine: an answer is there."""
+    """However short it is and however busy the machine: an answer is there; a page that is not there is no success."""
     status, out, err = done(prints, tmp_path, "--time-limit", "0.001s", "--report", "d.html")
-    assert status == 0, err
+    assert status == 1, err
     found = content(tmp_path)
-    assert (found["verdict"], found["complete"], found["tested"]) == ("none", False, [])
+    assert (found["verdict"], found["complete"], found["tested"]) == ("unexplained", False, [])
     assert found["not_tried"] == sorted(library())
     assert "Nothing was tested yet" in found["sentence"] and "Nothing was tested yet" in out
-    assert err.count("\n") == 1 and "ended by the time limit; not tried: astigmatism" in err and "--resume" in err
+    warning, error = err.splitlines()
+    assert "ended by the time limit; not tried: astigmatism" in warning and "--resume" in warning
+    assert error.startswith("error: d.html: output: ended before there was an answer")
     assert not (tmp_path / "d.html").exists()
+    assert done(prints, tmp_path, "--time-limit", "0.001s", "--overwrite")[0] == 0
     goes_on(prints, tmp_path, whole, "--report", "d.html")
     assert (tmp_path / "d.html").exists()
 
@@ -189,6 +192,17 @@ def test_a_kill_at_any_moment_leaves_a_whole_answer(prints, whole, tmp_path):
     if not content(tmp_path)["complete"]:
         goes_on(prints, tmp_path, whole)
     assert content(tmp_path) == whole[0]
+
+
+@pytest.mark.slow
+def test_an_answer_stands_until_there_is_another(prints, tmp_path):
+    (tmp_path / "d.yaml").write_text("mine")
+    running = begun(prints, tmp_path, "--overwrite")
+    while not (tmp_path / "d.resume.json").exists():
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.communicate()
+    assert (tmp_path / "d.yaml").read_text() == "mine" or content(tmp_path)["tested"]
 
 
 @pytest.mark.slow

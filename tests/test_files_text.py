@@ -128,3 +128,12 @@ def test_published_afm_text():
     assert part.heights_um.min() == 0
     assert 0.74 <= part.heights_um.max() <= 1.14
     assert part.heights_um[0, 0] == pytest.approx(0.55864)
+
+
+def test_a_list_of_points_is_no_map(tmp_path):
+    places = [(x, y, np.sin(x + y)) for y in range(20) for x in range(30)]
+    np.savetxt(tmp_path / "xyz.txt", places)
+    with pytest.raises(InputError, match="600 lines of x, y and z, a matrix of heights"):
+        read_height_map(tmp_path / "xyz.txt", pitch_um=0.3)
+    np.savetxt(tmp_path / "narrow.txt", np.random.default_rng(0).normal(size=(600, 3)))
+    assert read_height_map(tmp_path / "narrow.txt", pitch_um=0.3).shape == (600, 3)

@@ -1,5 +1,7 @@
 """Units, pitches and clipping: caught at the door, before anything is fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -25,6 +27,16 @@ def test_a_print_is_not_doubted():
     assert doubts_of_size(wedge, wedge) == []
     tilted = PRINTED.with_heights(PRINTED.heights_um + 0.5 * PRINTED.x_um)
     assert doubts_of_size(TARGET, tilted) == []
+
+
+def test_a_part_that_fills_the_view_shows_its_relief_and_not_its_height():
+    """Sixty micrometres high, one of which varies: a recording without bare substrate shows that one."""
+    tall = TARGET.with_heights(60 + np.add.outer(np.zeros(TARGET.shape[0]), np.sin(TARGET.x_um)) / 2)
+    shown = replace(tall, heights_um=tall.heights_um - 60, height_reference="relative")
+    require_sizes(tall, shown)
+    assert doubts_of_size(tall, shown) == doubts_of_size(tall, tall) == []
+    with pytest.raises(InputError, match="relief"):
+        require_sizes(tall, shown.with_heights(1e-3 * shown.heights_um))
 
 
 @pytest.mark.parametrize(

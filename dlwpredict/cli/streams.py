@@ -92,7 +92,7 @@ def with_streams(
             if path is not None and path in options.values():
                 raise InputError("named twice", where=path, key="--json", allowed="one file each")
             check_outputs(path, overwrite=options.get("overwrite", False))
-            check_apart(options | {"json_file": path})
+            check_apart(options | ({"json_file": path} if path else {}))
             try:
                 run(**options)
             except typer.Exit:  # it came to its end, and some of the work had failed
