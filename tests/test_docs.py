@@ -161,7 +161,8 @@ def test_the_tutorial_runs(tmp_path):
     text = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     script = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
     assert script.count("dlwpredict ") >= 10
-    shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
+    for folder in ("sample_data", "configs"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     result = subprocess.run(
         ["bash", "-euc", script], cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
