@@ -131,6 +131,23 @@ def test_no_output_is_an_input_too(part, monkeypatch, words):
     assert {path: path.read_bytes() for path in part.parent.iterdir()} == before
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_has_come_since_a_command_began_is_not_replaced_unasked(part, monkeypatch, overwrite):
+    result_at = part.parent / "a.tif"
+
+    def meanwhile(*of, **words):
+        result_at.write_text("precious")
+        return read_height_map(*of, **words)
+
+    monkeypatch.setattr("dlwpredict.cli.convert.read_height_map", meanwhile)
+    result = run("convert", part, result_at, *["--overwrite"][: int(overwrite)])
+    if overwrite:
+        assert result.exit_code == 0 and read_height_map(result_at).same_grid(read_height_map(part))
+    else:
+        assert result.exit_code == 1 and "exists by now, allowed with --overwrite" in result.stderr
+        assert result_at.read_text() == "precious" and len(list(part.parent.iterdir())) == 2
+
+
 def test_what_the_system_refuses_is_said_in_one_line(part):
     result = run("convert", part, part.parent / f"{300 * 'a'}.tif")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1)

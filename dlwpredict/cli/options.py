@@ -189,6 +189,8 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
         The folder is missing or read-only, the path is a folder, two outputs share a path, or the file exists without
         ``--overwrite``.
     """
+    from dlwpredict.files.atomic import expect_new  # numpy and the formats: not for every --help
+
     wanted = [path for path in paths if path is not None]
     for path in wanted:
         if not path.parent.is_dir():
@@ -199,6 +201,7 @@ def check_outputs(*paths: Path | None, overwrite: bool) -> None:
             raise InputError("is a folder", where=path, key="output", allowed="give a file name")
         if path.exists() and not overwrite:
             raise InputError("exists already", where=path, key="output", allowed="allowed with --overwrite")
+        expect_new(path, new=not overwrite)
     if len({path.resolve() for path in wanted}) < len(wanted):
         raise InputError("named for two outputs", where=wanted[-1], key="output", allowed="one file each")
 

@@ -20,6 +20,14 @@ from dlwpredict.files.yaml_text import yaml_text
 _MACHINE = re.sub(r"\W", "", platform.node())
 _TEMPORARY = re.compile(rf"\.dlwpredict-{_MACHINE}-(\d+)-")
 
+_new: set[Path] = set()
+"""Outputs that were not there when a command began: what has come since, from elsewhere, is not replaced."""
+
+
+def expect_new(path: Path, *, new: bool) -> None:
+    """Note whether an output, when it is first written, must still not be there."""
+    (_new.add if new else _new.discard)(path.absolute())
+
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
@@ -64,7 +72,7 @@ def _whole(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
-        temporary.replace(path)
+        _into_place(temporary, path)
     except OSError as error:
         raise InputError(
             f"cannot write ({error.strerror or f'disk full? {error}'})", where=path, key="output"
@@ -72,6 +80,21 @@ def _whole(path: Path) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def _into_place(temporary: Path, path: Path) -> None:
+    """Give a file its name; a name that must be new is taken only if it still is, where the file system knows links."""
+    if path.absolute() in _new:
+        _new.discard(path.absolute())
+        try:
+            os.link(temporary, path)
+        except FileExistsError:
+            raise InputError("exists by now", where=path, key="output", allowed="allowed with --overwrite") from None
+        except OSError:
+            pass
+        else:
+            return
+    temporary.replace(path)
 
 
 def _clear(folder: Path) -> None:
