@@ -159,3 +159,19 @@ def test_runs_do_not_mix(tmp_path):
         assert not inner.inputs
     assert origin() is None
     assert ".yaml" in RECORDS
+
+
+def test_verify_looks_beside_the_result_before_anywhere_else(tmp_path, monkeypatch):
+    """A file of the same name where the user stands is another one."""
+    for folder in ("there", "here"):
+        (tmp_path / folder).mkdir()
+        write_height_map(tmp_path / folder / "t.tif", HeightMap(np.eye(12), 0.5, 0.5))
+    monkeypatch.chdir(tmp_path / "there")
+    assert CliRunner().invoke(app, ["predict", "t.tif", "-o", "p.tif"]).exit_code == 0
+    monkeypatch.chdir(tmp_path / "here")
+    assert CliRunner().invoke(app, ["verify", "../there/p.tif"]).exit_code == 0
+    write_height_map(tmp_path / "there" / "t.tif", HeightMap(2 * np.eye(12), 0.5, 0.5))
+    done = CliRunner().invoke(app, ["verify", "../there/p.tif"])
+    assert done.exit_code == 1 and f"t.tif has changed ({tmp_path / 'there' / 't.tif'})" in done.stderr
+    (tmp_path / "there" / "t.tif").unlink()
+    assert CliRunner().invoke(app, ["verify", "../there/p.tif"]).exit_code == 0  # the same, found from here

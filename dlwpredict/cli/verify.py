@@ -21,7 +21,7 @@ def run(
 ) -> None:
     """Check that the inputs of results are still what they were, by the SHA-256 that every result names.
 
-    An input is looked for where the command found it, then beside the result.
+    An input is looked for from the result's folder and those above it, then from here, then beside the result.
 
     $ dlwpredict verify corrected.tif corrected.stl process.yaml
     """
@@ -52,7 +52,11 @@ def _faults(file: Path) -> list[str]:
 
 
 def _state(name: Path, digest: object, folder: Path) -> str:
-    places = [place for place in (name, folder / name.name) if place.is_file()]
-    if not places:
+    folder = folder.resolve()
+    places = *(above / name for above in (folder, *folder.parents)), name, folder / name.name
+    place = next((place for place in places if place.is_file()), None)
+    if place is None:
         return "is missing"
-    return "matches" if any(sha256(place) == digest for place in places) else "has changed"
+    if sha256(place) == digest:
+        return "matches"
+    return "has changed" if place.resolve() == name.resolve() else f"has changed ({place})"
