@@ -268,6 +268,20 @@ def test_recording_smaller_than_the_part_is_refused():
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["f", "cin"])
+@pytest.mark.parametrize("noise_um", [0.0, 0.01])
+def test_what_cross_linking_does_to_a_small_part_is_no_scale_of_the_microscope(kind, noise_um):
+    """Its reach, 3 µm, is a quarter of the part: shrinkage towards the middle must be among what a print may be."""
+    waves = {"period_min_um": 3.0, "period_max_um": 6.0, "base_um": 3.0, "height_um": 1.0} if kind == "cin" else {}
+    target = designs.KINDS[kind](size_um=14.0, pitch_um=0.4, margin_um=3.0, **waves)
+    printed = predict(target, ParameterSet())
+    noise = np.random.default_rng(2).normal(0, noise_um, target.shape)
+    found = align(printed.with_heights(printed.heights_um + noise), target)
+    assert found.distortion == "rigid"
+    np.testing.assert_allclose(found.pose.shift_um, 0, atol=0.02)
+
+
 def test_keep_missing_leaves_gaps_and_filling_stays_in_the_hull():
     recording = recorded(letter(), missing=0.1)
     kept = align(recording, letter(), keep_missing=True)

@@ -9,7 +9,9 @@ from scipy import fft
 
 from dlwpredict.alignment.plane import plane_columns
 
-KERNEL_RATIO = 2.5
+KERNEL_RATIO, WIDEST = 2.5, 0.25
+"""Widths of neighbouring Gaussians; the widest, as a share of the map: cross-linking reaches over a quarter of a small
+part, and what it does there is not to pass for a scale of the microscope."""
 
 
 def gaussian_reflected(image: np.ndarray, sigma: float) -> np.ndarray:
@@ -62,7 +64,7 @@ def _terms(target: np.ndarray) -> Iterator[np.ndarray]:
         slope = np.hypot(*np.gradient(gaussian_reflected(height, sigma)))
         yield from (slope, slope**2)
     sigma = 1.5
-    while sigma <= min(target.shape) / 8:
+    while sigma <= WIDEST * min(target.shape):
         for source in sources:
             blurred = gaussian_reflected(source, sigma)
             yield blurred
