@@ -95,6 +95,20 @@ class TestRipple:
         waves = 0.3 * np.cos(2 * np.pi / 4 * GRID.y_um[:, None]) * np.ones(GRID.shape)
         assert (ripple(*with_draws(noise + waves.ravel(), seen, null)).p_value < 1e-6) == said
 
+    @pytest.mark.parametrize(
+        ("instrument_um", "period_px", "said"), [(None, 1.6, False), (0.3, 3.0, True), (1.2, 3.0, False)]
+    )
+    def test_waves_shorter_than_two_pixels_of_map_and_instrument_are_not_looked_at(
+        self, item, null, noise, instrument_um, period_px, said
+    ):
+        """Diagonal ones of 1.6 pixels are there, in a map that was turned: they come from between its pixels."""
+        read = replace(GRID, instrument=Instrument(pitch_um=instrument_um))
+        seen = SimpleNamespace(recording=SimpleNamespace(**(vars(item.recording) | {"measured": read})))
+        seen.whitener = item.whitener
+        diagonal = np.add.outer(-np.arange(GRID.shape[0]), np.arange(GRID.shape[1])) / np.sqrt(2)
+        waves = 0.3 * np.cos(2 * np.pi / period_px * diagonal)
+        assert (ripple(*with_draws(noise + waves.ravel(), seen, null)).p_value < 1e-6) == said
+
     def test_waves_are_a_place_of_the_mismatch_over_the_whole_map(self, item, null, noise):
         waves = 0.3 * np.cos(2 * np.pi / 4 * GRID.x_um) * np.ones(GRID.shape)
         found, draws = with_draws(noise + waves.ravel(), item, null)

@@ -21,6 +21,7 @@ from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate
 from dlwpredict.noise.unevenness import Uneven, Unevenness
+from dlwpredict.numerics.smoothing import means_over
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict
 
@@ -51,7 +52,7 @@ def fit_of(maps: np.ndarray, residual_um: np.ndarray, noise: Noise, free: Free) 
     """Return a fit of a linear model whose derivatives are these maps, at a place that leaves this residual."""
     target = HeightMap(np.full((SIDE, SIDE), 2.0), 0.5, 0.5)
     measured = predict(target, free.base).heights_um + residual_um
-    recording = replace(prepare(target, target.with_heights(measured), wall_px=0), nuisances=())
+    recording = replace(prepare(target, target.with_heights(measured), wall_px=0), nuisances=(), unsaid_px=0.0)
     item = Whitened.of(recording, Uneven(noise))
     layout = Rows((recording.points,), (0,), 0)
     nothing = Nuisances(layout, (np.zeros((recording.points, 0)),), (np.zeros((0, 0)),))
@@ -285,7 +286,8 @@ def test_intervals_hold_how_pixels_may_be_read(reading):
     target = designs.air(size_um=16, pitch_um=0.4, margin_um=2, seed=3)
     printed = target.with_heights(predict(target, truth).heights_um)
     free = choose(replace(truth, readings=Readings(pixels="either")), free=("exposure_fwhm_xy_um",))
-    objective = Objective((Whitened.of(prepare(target, printed), Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))),), {})
+    recording = replace(prepare(target, printed), unsaid_px=0.0)
+    objective = Objective((Whitened.of(recording, Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))),), {})
     fitted = descend(objective, objective.differentiated(objective.at(free, free.start)))
     off, work = abs(fitted.vector[0] - 0.6), Work()
     assert off == pytest.approx(np.sqrt(3) * considered(fitted, work)[0], rel=0.15) and off > 0.02
@@ -303,6 +305,20 @@ def test_whether_an_instrument_reads_means_or_points_is_considered():
     fitted = descend(objective, objective.differentiated(objective.at(free, free.start)))
     off = 1.2 - fitted.vector[0]
     assert off == pytest.approx(np.sqrt(3) * considered(fitted, Work())[0] * (0.5 / 0.4) ** 2, rel=0.15) and off > 0.02
+
+
+def test_of_a_map_that_was_not_aligned_nobody_says_whether_it_holds_means():
+    """A camera's means that were fitted as points make a blur √3 standard deviations of that doubt wider."""
+    blurred = ParameterSet(effects=(library()["instrument-blur"](fwhm_um=1.2),))
+    target = designs.cin(size_um=24, pitch_um=0.5, margin_um=2, height_um=2, period_min_um=4)
+    printed = predict(target, blurred, as_measured=True)
+    seen = printed.with_heights(means_over(printed.heights_um, 1.0))
+    free = choose(blurred, free=("instrument-blur.fwhm_um",))
+    noise = Uneven(Noise(0.01, 0.0, 1.0, 0.5, 0.5))
+    objective = Objective((Whitened.of(prepare(target, seen), noise),), {})
+    fitted = descend(objective, objective.differentiated(objective.at(free, free.start)))
+    off = fitted.vector[0] - 1.2
+    assert off == pytest.approx(np.sqrt(3) * considered(fitted, Work())[0], rel=0.2) and off > 0.01
 
 
 def test_pixels_that_are_said_are_in_no_doubt():

@@ -94,6 +94,7 @@ class TestMeans:
         target = designs.cin(size_um=24, pitch_um=0.4, margin_um=4)
         own = prepare(target, replace(target, instrument=Instrument(pitch_um=0.3)))
         assert (own.width_px, coarser(own, 2).width_px, prepare(target, target).width_px) == (1.0, 0.5, 0.0)
+        assert (own.unsaid_px, coarser(prepare(target, target), 2).unsaid_px) == (0.0, 0.5)
 
 
 class TestNuisances:
@@ -254,7 +255,9 @@ def test_a_parameter_is_as_uncertain_as_noise_numerics_and_priors_make_it(louder
     draws = np.zeros((147, 4000), np.float32)
     draws[:144] = louder * np.random.default_rng(0).standard_normal((144, 4000))
     mean, prior = np.pad(whitener @ np.full(144, 0.005**2 / 144), (0, 3)), np.append(np.zeros(146), 0.4)
-    item = SimpleNamespace(recording=SimpleNamespace(points=144, used=used, read_px=0.0), whitener=whitener)
+    item = SimpleNamespace(
+        recording=SimpleNamespace(points=144, used=used, read_px=0.0, unsaid_px=0.0), whitener=whitener
+    )
     estimators = np.column_stack([mean, prior, 0 * mean])
     fitted = SimpleNamespace(
         estimators=estimators,

@@ -69,15 +69,17 @@ def _written(fitted: Fit, work: Work) -> np.ndarray | None:
 
 
 def _read(fitted: Fit) -> np.ndarray | None:
-    """Return one of how an instrument has read its pixels, means having been assumed; None where it is not known.
+    """Return one of how an instrument has read its pixels; None where it is known.
 
-    A camera's are means, those of a scan may be points; `align` takes all for means.
+    A camera's are means, those of a scan may be points. `align` takes all for means; of a map that it has not laid the
+    pixels are taken for points.
     """
-    if not any(item.recording.read_px for item in fitted.data):
+    sides = [item.recording.read_px or item.recording.unsaid_px for item in fitted.data]
+    if not any(sides):
         return None
     changes = []
-    for item, known in zip(fitted.data, fitted.traces, strict=True):
-        mean = means_over(known.heights_um, item.recording.read_px)
+    for side, known in zip(sides, fitted.traces, strict=True):
+        mean = means_over(known.heights_um, side)
         changes.append(np.nan_to_num(mean - known.heights_um)[None])
     return np.sqrt(1 / 3) * fitted.seen_in_all(changes)[:, 0]
 

@@ -44,6 +44,8 @@ class Recording:
         Lines of the scan that were left out, in whole or in part.
     width_px : float
         Side of the square over which every height is a mean and the target's is not; 0 where that is not known.
+    unsaid_px : float
+        Side of a pixel of which nobody says whether its height is that of a point or a mean; 0 where that is known.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Recording:
     nuisances: tuple[str, ...] = ()
     scars: int = 0
     width_px: float = 0.0
+    unsaid_px: float = 0.0
 
     @property
     def heights_um(self) -> np.ndarray:
@@ -163,8 +166,8 @@ def prepare(
         )
     nuisances = [nuisance for nuisance in trusted(measured) if free_shift or nuisance not in LATERAL]
     # `align` reads means over the target's pixels; of other maps it is not known
-    width_px = float(measured.instrument.pitch_um is not None)
-    return Recording(name, target, measured, used, tuple(nuisances), width_px=width_px)
+    aligned = float(measured.instrument.pitch_um is not None)
+    return Recording(name, target, measured, used, tuple(nuisances), width_px=aligned, unsaid_px=1 - aligned)
 
 
 def seen_px(wall_px: int, measured: HeightMap) -> int:
@@ -279,8 +282,8 @@ def coarser(recording: Recording, factor: int) -> Recording:
     target = replace(on_grid(wide), height_reference="substrate")
     shown = replace(on_grid(measured), instrument=recording.measured.instrument)
     # of target and recording alike the block is the mean: only what the recording was a mean over before is its own
-    width_px = recording.width_px / factor
-    return Recording(recording.name, target, shown, used, recording.nuisances, width_px=width_px)
+    width_px, unsaid_px = recording.width_px / factor, recording.unsaid_px / factor
+    return Recording(recording.name, target, shown, used, recording.nuisances, width_px=width_px, unsaid_px=unsaid_px)
 
 
 def _blocks(values: np.ndarray, factor: int) -> np.ndarray:

@@ -46,7 +46,9 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
 
     Ordinates are divided by what the null's draws have there on average, those of a draw by what the others have: by an
     average with itself in it, it would seem smaller than a residual. Waves across the lines of a known scan are not
-    looked at: lines have offsets of their own, and what an alignment has read between them is no wave of a print.
+    looked at: lines have offsets of their own, and what an alignment has read between them is no wave of a print. Nor
+    are those that pixels resolve along neither axis but diagonally, those of the map or of the instrument: there a map
+    that was turned holds what was read between pixels.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     for k, item in enumerate(fitted.data):
         used, grid, rows = item.recording.used, item.recording.target, fitted.rows.of(k)
         fy, fx = -fft.fftfreq(used.shape[0], grid.dy_um), fft.rfftfreq(used.shape[1], grid.dx_um)
-        seen = ~across_lines(item.recording, fx, fy[:, None])
+        seen = ~across_lines(item.recording, fx, fy[:, None]) & resolved(item.recording, fx, fy[:, None])
         powers = np.stack([_periodogram(draw, used) for draw in draws[rows, :LARGEST_OF].T])
         whole, others = powers.sum(axis=0), len(powers) - 1
         largest = np.where(seen, others * powers / (whole - powers), 0.0).max(axis=(1, 2))
@@ -79,6 +81,13 @@ def across_lines(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.nda
     x, y = np.cos(np.deg2rad(fast)), np.sin(np.deg2rad(fast))
     width, depth = recording.target.size_um
     return np.abs(fx * x + fy * y) * (abs(x) * width + abs(y) * depth) <= policy.ALONG_LINES
+
+
+def resolved(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
+    """Tell which waves (1/µm along x and y) are longer than two pixels, of the map and of the instrument."""
+    grid = recording.target
+    widest_um = max(grid.dx_um, grid.dy_um, recording.measured.instrument.pitch_um or 0.0)
+    return np.hypot(fx, fy) < 0.5 / widest_um
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
