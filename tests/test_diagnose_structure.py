@@ -96,12 +96,12 @@ class TestRipple:
         assert (ripple(*with_draws(noise + waves.ravel(), seen, null)).p_value < 1e-6) == said
 
     @pytest.mark.parametrize(
-        ("instrument_um", "period_px", "said"), [(None, 1.6, False), (0.3, 3.0, True), (1.2, 3.0, False)]
+        ("instrument_um", "period_px", "said"), [(None, 2.5, False), (0.3, 5.0, True), (1.2, 5.0, False)]
     )
-    def test_waves_shorter_than_two_pixels_of_map_and_instrument_are_not_looked_at(
+    def test_waves_shorter_than_three_pixels_of_map_and_instrument_are_not_looked_at(
         self, item, null, noise, instrument_um, period_px, said
     ):
-        """Diagonal ones of 1.6 pixels are there, in a map that was turned: they come from between its pixels."""
+        """Diagonal ones of 2.5 pixels are there, in a map that was turned: they come from between its pixels."""
         read = replace(GRID, instrument=Instrument(pitch_um=instrument_um))
         seen = SimpleNamespace(recording=SimpleNamespace(**(vars(item.recording) | {"measured": read})))
         seen.whitener = item.whitener

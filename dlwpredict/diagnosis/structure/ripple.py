@@ -47,8 +47,7 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
     Ordinates are divided by what the null's draws have there on average, those of a draw by what the others have: by an
     average with itself in it, it would seem smaller than a residual. Waves across the lines of a known scan are not
     looked at: lines have offsets of their own, and what an alignment has read between them is no wave of a print. Nor
-    are those that pixels resolve along neither axis but diagonally, those of the map or of the instrument: there a map
-    that was turned holds what was read between pixels.
+    are waves of fewer than three pixels: a map that was turned holds there what was read between pixels.
 
     Parameters
     ----------
@@ -84,10 +83,13 @@ def across_lines(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.nda
 
 
 def resolved(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
-    """Tell which waves (1/µm along x and y) are longer than two pixels, of the map and of the instrument."""
+    """Tell which waves (1/µm along x and y) are longer than three pixels, of the map and of the instrument.
+
+    Cubics between pixels keep a wave to two thirds of the Nyquist frequency, and noise of shorter ones not evenly.
+    """
     grid = recording.target
     widest_um = max(grid.dx_um, grid.dy_um, recording.measured.instrument.pitch_um or 0.0)
-    return np.hypot(fx, fy) < 0.5 / widest_um
+    return np.hypot(fx, fy) < 1 / (3 * widest_um)
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
