@@ -171,6 +171,9 @@ def test_the_next_print_is_held_against_the_target(run):
     rows = {row.name: row.values for row in figures(read_run(run).structures[0])}
     assert rows["predicted print of the corrected design"] == rows["print of the corrected design"]
     assert not read_run(run).others
+    (run / "letter/reprinted.tif").unlink()
+    text, _ = text_of(run, output="predicted.html")
+    assert "printed again" not in text and "times closer" not in text  # what is predicted is not printed yet
 
 
 @pytest.mark.slow

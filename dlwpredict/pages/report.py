@@ -88,6 +88,7 @@ def page(run: Run) -> str:
         leads=leads(run.structures, rows, pixels),
         summaries=summaries(run.structures, rows),
         rows=rows,
+        predictions=[row.name for row in rows if row.name.startswith(MAPS["next"])],
         wall_px=WALL_PX,
         reliefs=view(_reliefs(run.structures)),
         alignments=_facts(run, "alignment"),
@@ -193,8 +194,9 @@ def leads(structures: tuple[Structure, ...], rows: list[Figures], pixels: int) -
 
 
 def _ends(structure: str, rows: list[Figures]) -> list[Figures]:
-    """Return the figures of a structure's first print and of its last, if that is another one."""
-    prints = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
+    """Return the figures of a structure's first print and of its last, if that is another one; a prediction is none."""
+    own = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
+    prints = [row for row in own if not row.name.startswith(MAPS["next"])]
     return prints[:1] if len(prints) < 2 else [prints[0], prints[-1]]
 
 
