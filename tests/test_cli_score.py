@@ -133,7 +133,7 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(pair, tmp_path):
         ([*pair, "--material-ratio", 0.9, 0.1, *json_file], "material_ratio_range: found 0.9 0.1"),
         ([*pair, "--plot", tmp_path / "score.gif", *json_file], "--plot: ends in .gif"),
         ([*pair, "--json", tmp_path / "nowhere" / "score.json"], "folder does not exist"),
-        ([*pair, "--json", pair[0]], "exists already"),
+        ([*pair, "--json", pair[0]], "is read by this command"),
     ]:
         result = run(*arguments)
         assert result.exit_code == 1
