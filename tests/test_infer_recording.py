@@ -174,8 +174,9 @@ class TestRecordings:
 
 class TestRepeats:
     def test_walls_that_count_in_the_recording_count_in_its_repeat(self, block):
-        pair = Pair.of(block, block, ParameterSet(), wall_px=0)
-        assert np.isfinite(pair.repeated(block).repeats[0].heights_um).all()
+        fine = replace(block, dx_um=0.1, dy_um=0.1)
+        pair = Pair.of(fine, fine, ParameterSet(), wall_px=0)
+        assert pair.factor == 3 and np.isfinite(pair.repeated(fine).repeats[0].heights_um).all()
 
     def test_one_of_another_place_is_refused(self, block):
         left, right = (block.with_heights(np.where(half, block.heights_um, np.nan)) for half in self.halves(block))
