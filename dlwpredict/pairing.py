@@ -14,12 +14,9 @@ from dlwpredict.errors import ResultError, blaming
 from dlwpredict.files.plausibility import require_sizes
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.pixels import LARGE, working_factor
-from dlwpredict.infer.recording import Recording, coarser, prepare
+from dlwpredict.infer.recording import Recording, coarser, keeps_most, prepare
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.parameters import ParameterSet
-
-KEPT = 0.5
-"""Share of the points that count which working pixels must keep: between many walls, narrower ones are taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +84,7 @@ class Pair:
         widest = working_factor(target, start, working_pitch_um, large_px)
         for factor in range(widest, 0, -1):
             pair = cls(names, native.away_from_walls(factor) if wall_px else native, factor)
-            if working_pitch_um is not None or pair.recording.points * factor**2 > KEPT * native.points:
+            if working_pitch_um is not None or keeps_most(native, pair.recording, factor):
                 break
         return pair
 

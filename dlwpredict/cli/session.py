@@ -97,13 +97,17 @@ class Outputs:
 
 def is_unfinished(output: Path) -> bool:
     """Tell whether an output is a diagnosis that was interrupted: a run that goes on may replace it."""
-    if Companion.beside(output).path.exists():
-        return True
+    return Companion.beside(output).path.exists() or bool(unfinished(output))
+
+
+def unfinished(output: Path) -> dict[str, Any]:
+    """Return the content of a diagnosis that was interrupted; nothing of any other file."""
     try:
         content = read_yaml(output)
     except InputError:
-        return False
-    return isinstance(content, dict) and content.get("format") == FORMAT and content.get("complete") is False
+        return {}
+    ours = isinstance(content, dict) and content.get("format") == FORMAT
+    return content if ours and content.get("complete") is False else {}
 
 
 @dataclass(eq=False)
@@ -125,6 +129,8 @@ class Session:
     best : Answer or None
         What the content says.
     finished : bool
+    stands : bool
+        Whether something else than an unfinished answer stood in the place of the output when this run began.
     """
 
     pairs: list[Pair]
@@ -138,6 +144,7 @@ class Session:
     content: dict[str, Any] = field(default_factory=dict)
     best: Answer | None = None
     finished: bool = False
+    stands: bool = False
     _expected_s: float = 0.0
     _cpu_s: float = 0.0
 
@@ -161,18 +168,19 @@ class Session:
         if resume and self.companion.read():
             fits = sum(len(stored) for stored in self.companion.stored.values())
             say(f"going on with {fits} fits of {self.companion.path}")
-            if output.exists():
-                self.content = read_yaml(output)
+            self.content = unfinished(output)
         elif resume:
             say(f"begins afresh: there is no {self.companion.path}")
+        self.stands = output.exists() and not unfinished(output)
         content, prediction_s = first_look(self.pairs, self.start)
         self._expected_s = prediction_s * sum(PREDICTIONS) / len(PREDICTIONS) / processes
         low, high = (about(prediction_s * count / processes) for count in PREDICTIONS)
         say(f"{pixels_of(self.pairs)}; this takes {low} to {high} or so, Ctrl-C ends it with the best answer so far")
         if not self.content:
-            self.content = self._completed(content)
-            if not output.exists():  # an answer that stands is replaced by one that says something
-                write_text(output, yaml_text(self.content))
+            if self.stands:  # it is replaced by an answer that says something
+                self.content = self._completed(content)
+            else:
+                self._write_answer(content)
         self.companion.write()
 
     def search(self, *, advice: bool, reproducible: bool = False) -> None:
@@ -225,7 +233,6 @@ class Session:
             if outputs.params_out:
                 stated = with_cautions(answer.cautions)
                 write_parameters(outputs.params_out, replace(answer.parameters, provenance=stated))
-        if self.content:
             write_text(outputs.output, yaml_text(self.content))
         if self.finished:
             self.companion.remove()
@@ -247,11 +254,12 @@ class Session:
         ResultError
             The search was ended before there was any answer.
         """
-        named = [path for path in (self.outputs.params_out, self.outputs.maps, self.outputs.report) if path]
-        if named and self.best is None:
+        files = self.outputs.params_out, self.outputs.maps, self.outputs.report, self.outputs.plot
+        lacking = [path for path in (self.outputs.output if self.stands else None, *files) if path]
+        if lacking and self.best is None:
             raise ResultError(
-                "ended before there was an answer: not written",
-                where=named[0],
+                "not written: ended before there was an answer",
+                where=lacking[0],
                 key="output",
                 allowed="--resume goes on",
             )

@@ -42,7 +42,9 @@ class Limits:
     @classmethod
     def about(cls, target: HeightMap, maximum_um: float | None = None, **settings: Any) -> Limits:
         """Return limits for a target, `HIGHEST` times as high as it is unless a maximum is given."""
-        return cls(HIGHEST * float(target.heights_um.max()) if maximum_um is None else maximum_um, **settings)
+        limits = cls(HIGHEST * float(target.heights_um.max()) if maximum_um is None else maximum_um, **settings)
+        limits.printable.require_within(max(target.size_um))
+        return limits
 
     def __post_init__(self) -> None:
         if not self.maximum_um > 0:

@@ -48,6 +48,17 @@ class Printable:
         if not self.steepest > 0:
             raise InputError(f"found {self.steepest:g}", key="--max-slope", allowed="allowed: above 0")
 
+    def require_within(self, widest_um: float) -> None:
+        """Refuse a width that is larger than the map.
+
+        Raises
+        ------
+        InputError
+        """
+        for width, key in ((self.smooth_um, "--smooth-um"), (self.smallest_um, "--smallest-feature-um")):
+            if width > widest_um:
+                raise InputError(f"found {width:g} µm", key=key, allowed=f"allowed: to {widest_um:g} µm for this map")
+
     def of(self, written: np.ndarray, target: HeightMap) -> np.ndarray:
         """Return heights (rows, cols) near these whose correction can be printed; beside the part they stay.
 
@@ -58,11 +69,6 @@ class Printable:
         >>> float(np.ptp(Printable(smallest_um=0.3).of(comb, part)))
         0.0
         """
-        for width, key in ((self.smooth_um, "--smooth-um"), (self.smallest_um, "--smallest-feature-um")):
-            if width > max(target.size_um):
-                raise InputError(
-                    f"found {width:g} µm", key=key, allowed=f"allowed: to {max(target.size_um):g} µm for this map"
-                )
         footprint, h = target.heights_um > 0, target.heights_um
         change = np.where(footprint, written - h, 0.0)
         if self.smallest_um:

@@ -14,7 +14,7 @@ from dlwpredict.infer.free import Free
 from dlwpredict.infer.noises import scale_um, white
 from dlwpredict.infer.objective import Fit, Objective, Work
 from dlwpredict.infer.priors import Prior, rows
-from dlwpredict.infer.recording import Recording, coarser, without_outliers
+from dlwpredict.infer.recording import Recording, coarser, keeps_most, without_outliers
 from dlwpredict.infer.trace import whole
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.unevenness import Uneven
@@ -62,7 +62,7 @@ def rough(
     left = [(r.measured.heights_um - p)[r.used] for r, p in zip(recordings, predicted, strict=True)]
     sigmas, coarse_work = [scale_um(values - np.median(values)) for values in left], Work(stop=work.stop)
     coarse = [coarser(r, factor) for r in recordings]
-    if factor > 1 and all(c.points * factor**2 > r.points / 2 for c, r in zip(coarse, recordings, strict=True)):
+    if factor > 1 and all(keeps_most(r, wide, factor) for r, wide in zip(recordings, coarse, strict=True)):
         for _ in range(2):
             fit = _white(coarse, sigmas, start, free, known, coarse_work)
             start, sigmas = fit.parameters, _left(fit)

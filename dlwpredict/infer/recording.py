@@ -22,6 +22,9 @@ FEWEST_POINTS = 100
 parameters and a levelling. Six empty maps of 150 to 402 such points are called none; the noise of one came out 31 % too
 large, that of the others within a tenth."""
 
+KEPT = 0.5
+"""Share of the points that count which wide pixels must keep: between many walls, narrower ones are taken."""
+
 SLIGHTLY = 0.2
 """Pixels that a wall does not reach farther for: the scales of target and recording differ by as much."""
 
@@ -284,6 +287,11 @@ def coarser(recording: Recording, factor: int) -> Recording:
     # of target and recording alike the block is the mean: only what the recording was a mean over before is its own
     width_px, unsaid_px = recording.width_px / factor, recording.unsaid_px / factor
     return Recording(recording.name, target, shown, used, recording.nuisances, width_px=width_px, unsaid_px=unsaid_px)
+
+
+def keeps_most(recording: Recording, wide: Recording, factor: int) -> bool:
+    """Tell whether a recording on pixels so many times as wide keeps most of what counts."""
+    return wide.points * factor**2 > KEPT * recording.points
 
 
 def _blocks(values: np.ndarray, factor: int) -> np.ndarray:

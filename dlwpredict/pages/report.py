@@ -61,6 +61,11 @@ class Figures:
     away: dict[str, float | None] = field(default_factory=dict)
     note: str = ""
 
+    @property
+    def predicted(self) -> bool:
+        """Whether it is not printed yet."""
+        return self.name.startswith(MAPS["next"])
+
 
 def write_report(path: Path, run: Run) -> None:
     """Write the page whole or not at all.
@@ -88,7 +93,6 @@ def page(run: Run) -> str:
         leads=leads(run.structures, rows, pixels),
         summaries=summaries(run.structures, rows),
         rows=rows,
-        predictions=[row.name for row in rows if row.name.startswith(MAPS["next"])],
         wall_px=WALL_PX,
         reliefs=view(_reliefs(run.structures)),
         alignments=_facts(run, "alignment"),
@@ -196,7 +200,7 @@ def leads(structures: tuple[Structure, ...], rows: list[Figures], pixels: int) -
 def _ends(structure: str, rows: list[Figures]) -> list[Figures]:
     """Return the figures of a structure's first print and of its last, if that is another one; a prediction is none."""
     own = [row for row in rows if row.structure == structure and row.reference == "target" and row.values]
-    prints = [row for row in own if not row.name.startswith(MAPS["next"])]
+    prints = [row for row in own if not row.predicted]
     return prints[:1] if len(prints) < 2 else [prints[0], prints[-1]]
 
 

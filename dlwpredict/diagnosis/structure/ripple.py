@@ -83,13 +83,10 @@ def across_lines(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.nda
 
 
 def resolved(recording: Recording, fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
-    """Tell which waves (1/µm along x and y) are longer than three pixels, of the map and of the instrument.
-
-    Cubics between pixels keep a wave to two thirds of the Nyquist frequency, and noise of shorter ones not evenly.
-    """
+    """Tell which waves (1/µm along x and y) are longer than `policy.SHORTEST_PX` pixels, of map and instrument."""
     grid = recording.target
     widest_um = max(grid.dx_um, grid.dy_um, recording.measured.instrument.pitch_um or 0.0)
-    return np.hypot(fx, fy) < 1 / (3 * widest_um)
+    return np.hypot(fx, fy) < 1 / (policy.SHORTEST_PX * widest_um)
 
 
 def _periodogram(white: np.ndarray, used: np.ndarray) -> np.ndarray:
