@@ -324,3 +324,13 @@ def test_of_a_map_that_was_not_aligned_nobody_says_whether_it_holds_means():
 def test_pixels_that_are_said_are_in_no_doubt():
     fit = fit_of(ONE, ONE[0], WHITE, FREE)
     assert considered(fit, Work()) == [0.0]
+
+
+def test_what_is_doubted_passes_through_the_estimators():
+    """Doubts of half a derivative and of a whole one: standard deviations of 0.5 and 1 of its parameter, together."""
+    fit = fit_of(ONE, ONE[0], WHITE, FREE)
+    doubts = [np.concatenate([0.5 * ONE, ONE])]
+    assert considered(fit, Work(), doubts) == pytest.approx([np.hypot(0.5, 1.0)])
+    null = null_of(fit, WHITE)
+    alone, doubted = (deviations(fit, null, doubts=some)[0] for some in (None, doubts))
+    assert doubted == pytest.approx(np.hypot(alone, np.hypot(0.5, 1.0)))

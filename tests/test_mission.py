@@ -5,8 +5,10 @@ Small maps, so that it is cheap; at the size of real work `make bench-diagnose` 
 
 from functools import cache
 
+import numpy as np
 import pytest
 
+from dlwpredict.infer.intervals import intervals
 from tests.mission import answered, target
 from tests.prove.place import points_at
 
@@ -65,10 +67,20 @@ def test_a_concealed_effect_is_named_alone_and_on_its_side(name):
 def test_the_interval_of_its_strength_holds_the_truth(name):
     settings, _ = NAMED[name]
     found, _ = answer_to(name)
-    intervals = found.intervals(found.extended.fit).as_dict()
+    ends = found.intervals(found.extended.fit).as_dict()
     for key in settings.keys() - {"model"}:
-        low, high = intervals[f"{name}.{key}"]
+        low, high = ends[f"{name}.{key}"]
         assert low <= settings[key] <= high
+
+
+@pytest.mark.slow
+def test_an_interval_holds_that_the_form_of_the_process_is_doubted():
+    """Drying is short beside radicals' reach, and yet what their spread does resembles it a little."""
+    found, _ = answer_to("edge-drying")
+    fit, k = found.extended.fit, found.extended.fit.free.index("edge-drying.depth_um")
+    sure, doubted = intervals(fit, found.null), found.intervals(fit)
+    assert np.all(doubted.sd >= sure.sd)
+    assert doubted.sd[k] > 1.02 * sure.sd[k]
 
 
 @pytest.mark.slow

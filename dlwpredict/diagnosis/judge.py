@@ -10,6 +10,7 @@ import numpy as np
 
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, named_in
+from dlwpredict.diagnosis.library.process_form import doubts
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds
 from dlwpredict.diagnosis.search import Names, Search
 from dlwpredict.diagnosis.structure.blemishes import Blemish, blemish, suspected
@@ -108,9 +109,13 @@ class Diagnosis:
         return before is None or after is None or after < before
 
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
-        """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them."""
+        """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them.
+
+        The form of the process may be wrong beside what was named as far as it is doubted everywhere.
+        """
         objective, own = self.fitter.objective, [name for name in fitted.free.names if "." in name]
-        return intervals(objective.whole(fitted), self.null, objective if profiles else None, own, objective.work)
+        whole, profiled = objective.whole(fitted), objective if profiles else None
+        return intervals(whole, self.null, profiled, own, objective.work, doubts(whole, objective))
 
     @property
     def explained(self) -> float:

@@ -1,7 +1,7 @@
 """95 % intervals of what was fitted.
 
 Four things spread an estimate: noise, its model being an estimate too; what two honest computations differ by; priors
-where the data leave a direction open; and what is known by its prior alone. Whatever the noise model says, blocks of
+where the data leave a direction open; and what is doubted but not fitted. Whatever the noise model says, blocks of
 the residual show how much scatter there is along an estimator (`Null.shown`); the larger of both is taken.
 """
 
@@ -31,7 +31,9 @@ ENDS, CLOSE = 4, 0.1
 """Places looked at for each end of a profile, and how near the rise in cost must come to the one asked for."""
 
 
-def deviations(fitted: Fit, null: Null, work: Work | None = None) -> np.ndarray:
+def deviations(
+    fitted: Fit, null: Null, work: Work | None = None, doubts: Sequence[np.ndarray] | None = None
+) -> np.ndarray:
     """Return the standard deviation of every free parameter, infinite where nothing tells it, shape (parameters,)."""
     estimators = fitted.estimators
     lengths = np.linalg.norm(estimators, axis=0)
@@ -40,18 +42,27 @@ def deviations(fitted: Fit, null: Null, work: Work | None = None) -> np.ndarray:
     noise = null.shown(fitted, unit)
     open_to_priors = np.sum(unit[fitted.rows.data :] ** 2, axis=0)
     spread = np.sqrt(noise + numerical(fitted, unit) ** 2 + open_to_priors)
-    return np.where(known, np.hypot(lengths * spread, considered(fitted, work or Work())), np.inf)
+    return np.where(known, np.hypot(lengths * spread, considered(fitted, work or Work(), doubts)), np.inf)
 
 
-def considered(fitted: Fit, work: Work) -> np.ndarray:
-    """Return the standard deviation that doubts about how pixels are written and read give, shape (parameters,).
+def considered(fitted: Fit, work: Work, doubts: Sequence[np.ndarray] | None = None) -> np.ndarray:
+    """Return the standard deviation that what is doubted but not fitted gives, shape (parameters,).
 
-    A print hardly shows either, less than computations differ by: so they are not fitted. Their priors, an even chance
-    anywhere between points and squares, pass through the estimators (a parameter that is considered, not estimated:
-    Schmidt, Adv. Control Syst. 3, 293, 1966).
+    How pixels are written and read a print hardly shows, less than computations differ by: an even chance anywhere
+    between points and squares. What else is doubted stands in maps of one standard deviation each. All pass through the
+    estimators (a parameter that is considered, not estimated: Schmidt, Adv. Control Syst. 3, 293, 1966).
+
+    Parameters
+    ----------
+    fitted : Fit
+    work : Work
+        Counts the predictions.
+    doubts : sequence of numpy.ndarray, shape (doubts, rows, cols), optional
+        Of every recording, µm.
     """
-    doubts = [rows @ fitted.estimators for rows in (_written(fitted, work), _read(fitted)) if rows is not None]
-    return np.linalg.norm([np.zeros(len(fitted.vector)), *doubts], axis=0)
+    columns = [_written(fitted, work), _read(fitted), fitted.seen_in_all(doubts).T if doubts else None]
+    rows = [np.atleast_2d(one @ fitted.estimators) for one in columns if one is not None]
+    return np.linalg.norm(np.concatenate([np.zeros((1, len(fitted.vector))), *rows]), axis=0)
 
 
 def _written(fitted: Fit, work: Work) -> np.ndarray | None:
@@ -127,6 +138,7 @@ def intervals(
     objective: Objective | None = None,
     wanted: Sequence[str] | None = None,
     work: Work | None = None,
+    doubts: Sequence[np.ndarray] | None = None,
 ) -> Intervals:
     """Return the intervals of a converged fit.
 
@@ -140,8 +152,10 @@ def intervals(
         Default: all.
     work : Work, optional
         Counts the predictions; that of the objective counts those of profiles.
+    doubts : sequence of numpy.ndarray, optional
+        What `considered` takes into account besides pixels.
     """
-    free, sd = fitted.free, deviations(fitted, null, work)
+    free, sd = fitted.free, deviations(fitted, null, work, doubts)
     ends, profiled = linear(free, fitted.vector, sd), []
     if objective is not None:
         for k in curved(fitted, sd):
