@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import ClassVar
 
 
 class InputError(ValueError):
     """Something the user gave is at fault: a file, a key in it, or a value.
 
-    Printed by the command line as ``error: WHERE: KEY: WHAT, ALLOWED`` with exit code 1.
+    Printed by the command line as ``error: WHERE: KEY: WHAT, ALLOWED``; the program ends with `exit_code`.
 
     Parameters
     ----------
@@ -29,6 +30,8 @@ class InputError(ValueError):
     'p.yaml: threshold: found -1, allowed 0.05 to 0.95'
     """
 
+    exit_code: ClassVar[int] = 1
+
     def __init__(self, what: str, *, where: object = "", key: str = "", allowed: str = "") -> None:
         self.what, self.where, self.key, self.allowed = what, str(where), key, allowed
         super().__init__(what)
@@ -44,6 +47,12 @@ class InputError(ValueError):
 
 class ResultError(InputError):
     """The input is well-formed but no trustworthy result exists (no match, no measured points ...)."""
+
+
+class InterruptionError(ResultError):
+    """The work was ended by the user before its result was there."""
+
+    exit_code = 130
 
 
 @contextmanager

@@ -141,7 +141,7 @@ def test_interrupt_leaves_the_best_so_far_under_a_partial_name(call, tmp_path, m
 
     monkeypatch.setattr(Objective, "at", interrupted)
     result = call("--pair", "target.tif", "aligned.tif")
-    assert result.exit_code == 1
+    assert result.exit_code == 130
     assert "interrupted" in result.stderr and "p.partial.yaml" in result.stderr
     assert not (tmp_path / "p.yaml").exists()
     assert read_parameters(tmp_path / "p.partial.yaml").paper

@@ -252,3 +252,18 @@ def test_colour_on_a_terminal_only_and_not_with_no_color(arguments):
     assert COLOUR.search(shown(arguments, terminal=True))
     assert not COLOUR.search(shown(arguments, terminal=True, NO_COLOR="1"))
     assert b"\x1b" not in shown(arguments, terminal=False)
+
+
+@pytest.mark.parametrize(
+    ("module", "large"), [("dlwpredict.cli.predict.predict", False), ("dlwpredict.cli.large.written", True)]
+)
+def test_ctrl_c_ends_a_command_with_its_own_code_and_no_result(tmp_path, part, monkeypatch, module, large):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, interrupted)
+    tiles = ["--tile-px", 64] if large else []
+    result = run("predict", part, "-p", PARAMETERS, "-o", tmp_path / "out.tif", *tiles)
+    assert result.exit_code == 130
+    assert result.stderr.splitlines()[-1].startswith("error: ") and "interrupted" in result.stderr
+    assert not (tmp_path / "out.tif").exists()

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 import dlwpredict
 from dlwpredict.cli.commands import Commands, outlines
 from dlwpredict.cli.options import joined_pairs
-from dlwpredict.errors import InputError
+from dlwpredict.errors import InputError, InterruptionError
 
 if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter
@@ -51,18 +51,23 @@ class _Program(TyperGroup):
         from dlwpredict.cli.console import fault
         from dlwpredict.files.provenance import running
 
+        code = 1
         try:
             with running(ctx.obj):
                 return super().invoke(ctx)
         except InputError as error:
             typer.echo(fault(error), err=True)
+            code = error.exit_code
+        except KeyboardInterrupt:
+            typer.echo(fault(InterruptionError("interrupted")), err=True)
+            code = InterruptionError.exit_code
         except MemoryError:
             typer.echo("error: not enough memory for this input, allowed: fewer points or a coarser pitch", err=True)
         except OSError as error:  # a folder that may not be entered, a name that is too long, a full disk
             if error.errno == errno.EPIPE:
                 raise
             typer.echo(f"error: {error.filename or 'output'}: {error.strerror or error}", err=True)
-        raise typer.Exit(1) from None
+        raise typer.Exit(code) from None
 
 
 app = typer.Typer(

@@ -14,12 +14,11 @@ from dlwpredict.batch.chain import Chain, Command, Said, Step, perform
 from dlwpredict.batch.manifest import Structure, read_manifest
 from dlwpredict.batch.workers import work
 from dlwpredict.cli import options
-from dlwpredict.cli.anytime import INTERRUPTED
 from dlwpredict.cli.commands import imported
 from dlwpredict.cli.console import counted, say, warn
 from dlwpredict.cli.large import Scheduler
 from dlwpredict.cli.streams import STANDARD, tell
-from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.errors import InputError, InterruptionError, blaming
 from dlwpredict.numerics.parallel import cores
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ def run(
                 done[chain.name] = _died(chain, result) if isinstance(result, Exception) else result
                 show(len(done), len(chains))
     except KeyboardInterrupt:
-        raise ResultError(
+        raise InterruptionError(
             f"interrupted after {len(done)} of {len(chains)} structures",
             where=manifest,
             allowed="the same command goes on",
@@ -172,7 +171,7 @@ def call(words: tuple[str, ...], folder: Path) -> Said:
             code, errors = 2, io.StringIO(f"error: {error.format_message()}\n")
         except Exception as error:  # a fault of the program must not stop the other structures
             code, errors = 1, io.StringIO(f"error: fault of the program: {type(error).__name__}: {error}\n")
-    if code == INTERRUPTED:
+    if code == InterruptionError.exit_code:
         raise KeyboardInterrupt
     said = errors.getvalue().splitlines()
     warnings = tuple(line.removeprefix("warning: ") for line in said if line.startswith("warning: "))

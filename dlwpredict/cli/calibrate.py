@@ -21,7 +21,7 @@ from dlwpredict.cli.console import detail, progress_shown, say, warn
 from dlwpredict.cli.pairs import read_pair
 from dlwpredict.cli.plotting import Plot, check_plot, draw
 from dlwpredict.cli.streams import tell
-from dlwpredict.errors import InputError, ResultError, blaming
+from dlwpredict.errors import InputError, InterruptionError, blaming
 from dlwpredict.files.atomic import write_text
 from dlwpredict.files.parameters_yaml import read_parameters, write_parameters
 from dlwpredict.files.provenance import with_cautions
@@ -181,7 +181,7 @@ def _rescued(output: Path) -> Iterator[Callable[[Fit], None]]:
         yield watch
     except KeyboardInterrupt:
         if not best:
-            raise ResultError("interrupted before the first prediction", where=output) from None
+            raise InterruptionError("interrupted before the first prediction", where=output) from None
         partial = output.with_name(f"{output.stem}.partial{output.suffix}")
         write_parameters(partial, best[0][1].parameters)
-        raise ResultError("interrupted", where=output, allowed=f"best so far is in {partial}") from None
+        raise InterruptionError("interrupted", where=output, allowed=f"best so far is in {partial}") from None

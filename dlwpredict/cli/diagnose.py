@@ -9,12 +9,12 @@ from typing import Annotated
 import typer
 
 from dlwpredict.cli import options
-from dlwpredict.cli.anytime import INTERRUPTED, LIMIT, TIME, ending
+from dlwpredict.cli.anytime import LIMIT, TIME, ending
 from dlwpredict.cli.console import warn
 from dlwpredict.cli.plotting import Plot, check_plot
 from dlwpredict.cli.session import Inputs, Outputs, Session, is_unfinished
 from dlwpredict.diagnosis.answer.halves import require_enough
-from dlwpredict.errors import InputError
+from dlwpredict.errors import InputError, InterruptionError
 from dlwpredict.metrology.walls import WALL_PX
 from dlwpredict.numerics.parallel import cores_for_workers, end_workers
 
@@ -93,7 +93,7 @@ def run(
         else:
             warn(f"ended by {end.cause} before all files were read: nothing is written")
     if end.cause not in ("", LIMIT):
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(InterruptionError.exit_code)
     if session:
         session.require_outputs()
 

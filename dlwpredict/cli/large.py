@@ -12,7 +12,7 @@ import typer
 
 from dlwpredict.cli.console import counted, detail, say
 from dlwpredict.cli.streams import tell
-from dlwpredict.errors import ResultError, blaming
+from dlwpredict.errors import InterruptionError, blaming
 from dlwpredict.files.mapped_tiff import Mapped
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.tiling.disk import on_disk, written
@@ -68,6 +68,6 @@ def _kept(output: Path, folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise ResultError(
+        raise InterruptionError(
             "interrupted", where=output, allowed=f"the same command goes on with the tiles in {folder.name}"
         ) from None
