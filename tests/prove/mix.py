@@ -12,7 +12,7 @@ from tests.bench.cases import RANGES
 from tests.prove import structures
 from tests.prove.hidden import FORMS, NAMED, OUTSIDE, Hidden, form, named, outside
 
-DEVELOPMENT_SEED, FINAL_SEED = 20250, 741905
+DEVELOPMENT_SEED, FINAL_SEED = 20250, 905263
 """The final seed is used by `make prove` alone, never while anything is tuned; once its truth has been looked at and
 the program is changed, it is spent, and another is drawn (77031, 345967, 186561, 973189, 244348, 391491, 397021,
 614839, 908213, 550173, 731906, 428617, 122774, 787942, 282159, 469281, 711323, 524530, 812914,
