@@ -48,9 +48,9 @@ def fitted(residual, *items, jacobian=None):
     points = tuple(item.recording.points for item in items)
     rows = Rows(points, (0,) * len(items), 0)
     constant = Nuisances(rows, tuple(np.full((n, 1), n**-0.5) for n in points), tuple(np.zeros((0, 1)) for _ in points))
-    one = Free(ParameterSet(), ("one",), np.zeros(1), np.ones(1))
+    one = Free(ParameterSet(), ("threshold",), np.zeros(1), np.ones(1))
     tangent = np.linspace(-1, 1, rows.total)[:, None] ** 3 if jacobian is None else jacobian
-    bare = Fit(items, one, np.zeros(1), (), rows, residual, constant, (), tangent)
+    bare = Fit(items, one, np.full(1, 0.5), (), rows, residual, constant, (), tangent)
     return replace(bare, residual=bare.beside(residual))
 
 
@@ -304,7 +304,18 @@ class TestForms:
             return agreement(fit, both.beside(fit)).p_value
 
         assert p_value(0.2) > 0.01 and p_value(-0.2) < 1e-6
-        assert agreement(fitted(ramp, item), null.draws) is None
+
+    def test_blocks_of_one_recording_that_want_other_parameters_do_not_agree(self, null, noise):
+        wide, small = (white_item(HeightMap(np.ones((60, 70)), pitch, pitch)) for pitch in (0.8, 0.4))
+        ramp = np.tile(np.linspace(-1, 1, 70), 60)
+
+        def p_value(right):
+            residual = np.where(ramp < 0, 0.4, right) * ramp + noise
+            fit = fitted(residual, wide, jacobian=ramp[:, None])
+            return agreement(fit, null.beside(fit)).p_value
+
+        assert p_value(0.4) > 0.01 and p_value(-0.4) < 1e-6
+        assert agreement(fitted(ramp, small), null.draws) is None
 
 
 class TestPlaces:

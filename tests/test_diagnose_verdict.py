@@ -6,20 +6,26 @@ import pytest
 
 from dlwpredict.diagnosis.answer.words import sentence
 from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.diagnosis.structure.forms import Energy
 from dlwpredict.effects import library
 
 ONE, CLASS = ["curl"], ["curl", "vignetting"]
 
 
 class Told(Diagnosis):
-    """A diagnosis of which is known what its fits err by on data left out, µm."""
+    """A diagnosis of which is known what its fits err by on recordings held out, µm, and whether its parts agree."""
+
+    together = None
 
     def held_out_um(self, fitted):
         return fitted.unseen_um
 
 
-def told(names, before_um, after_um, *, unexplained=False, left=0.0):
-    """Return a diagnosis that explains its own data: from 20 to 15 nm."""
+def told(names, before_um=0.025, after_um=0.016, *, agree=None, parts=1, unexplained=False, left=0.0):
+    """Return a diagnosis that explains its own data: from 20 to 15 nm.
+
+    A recording is held out unless it is known how surely its recordings would give the same process.
+    """
     models = [
         SimpleNamespace(
             fit=SimpleNamespace(unseen_um=unseen, rmse_um=lambda own=own: own), unexplained=unexplained, left=rest
@@ -27,21 +33,44 @@ def told(names, before_um, after_um, *, unexplained=False, left=0.0):
         for unseen, own, rest in ((before_um, 0.020, 10.0), (after_um, 0.015, left))
     ]
     named = [SimpleNamespace(names=names, effect=library()[names[0]]())] if names else []
-    nothing = [None] * 5
-    return Told((), (), *models, tuple(named), *nothing, (), ())
+    holdout, nothing = () if agree else ("one",), [None] * 5
+    found = Told((None,) * parts, (), *models, tuple(named), *nothing, (), (), holdout)
+    found.__dict__["together"] = Energy(9.0, agree) if agree else None
+    return found
 
 
+NAMED = pytest.mark.parametrize(("names", "verdict"), [(ONE, "identified"), (CLASS, "ambiguous")])
+
+
+@NAMED
 @pytest.mark.parametrize(
     ("before_um", "after_um", "sure"),
     [(0.025, 0.016, True), (0.025, 0.025, False), (0.025, 0.030, False), (None, None, True), (0.025, None, True)],
 )
-@pytest.mark.parametrize(("names", "verdict"), [(ONE, "identified"), (CLASS, "ambiguous")])
-def test_what_is_named_must_predict_better_what_no_fit_has_seen(names, verdict, before_um, after_um, sure):
-    """Where such data are: a lone small map has no block to leave out."""
+def test_what_is_named_must_predict_better_what_was_held_out(names, verdict, before_um, after_um, sure):
     found = told(names, before_um, after_um)
     assert found.verdict == (verdict if sure else "unexplained")
     assert ("no certain name" in sentence(found)) is not sure
+    assert ("that on recordings held out does not" in sentence(found)) is not sure
     assert "curl" in sentence(found)
+
+
+@NAMED
+@pytest.mark.parametrize(("agree", "sure"), [(0.5, True), (0.03, True), (0.02, False), (1e-9, False)])
+@pytest.mark.parametrize(("parts", "each"), [(1, "block"), (2, "recording")])
+def test_every_part_must_give_the_same_process_beside_what_is_named(names, verdict, agree, sure, parts, each):
+    """However well it predicts what was left out, to first order, from fewer data."""
+    for after_um in (0.016, 0.030):
+        found = told(names, after_um=after_um, agree=agree, parts=parts)
+        assert found.verdict == (verdict if sure else "unexplained")
+        said = f"but every {each} alone would give another process beside it."
+        assert sentence(found).endswith(said) is not sure
+
+
+def test_a_lone_small_map_has_nothing_to_agree_with():
+    found = told(ONE, agree=0.5)
+    found.__dict__["together"] = None
+    assert found.verdict == "identified"
 
 
 def test_what_predicts_better_may_still_leave_most_without_a_name():

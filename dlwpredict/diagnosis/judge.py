@@ -51,7 +51,7 @@ class Diagnosis:
     null : Null
     fitter : Fitter
     agreement : Energy or None
-        Whether every recording alone would give the same parameters.
+        Whether every recording alone would give the same parameters, beside the baseline.
     places : tuple of Place
         Where the baseline's mismatch sits.
     mismatch : tuple of numpy.ndarray, shape (rows, cols)
@@ -103,10 +103,21 @@ class Diagnosis:
         return found.rmse_um if found else None
 
     @cached_property
-    def predicts_better(self) -> bool:
-        """Whether what was named lowers the error on data that no fit has seen; so where there are no such data."""
-        before, after = (self.held_out_um(model.fit) for model in (self.baseline, self.extended))
-        return before is None or after is None or after < before
+    def together(self) -> Energy | None:
+        """Whether every recording alone would give the same process beside what was named; of one, its blocks."""
+        return agreement(self.fitter.objective.whole(self.extended.fit), self.extended.draws)
+
+    @property
+    def carries_over(self) -> bool:
+        """Whether what was named holds where no fit has seen it: it lowers the error on recordings held out.
+
+        Without such, every recording, or block of the only one, tells the same of the process and of what was named.
+        That is no question of how well each of them tells it: a fit to fewer data predicts worse, right names or not.
+        """
+        if self.holdout:
+            before, after = (self.held_out_um(model.fit) for model in (self.baseline, self.extended))
+            return before is None or after is None or after < before
+        return self.together is None or self.together.p_value >= policy.LEVEL_STRUCTURE
 
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
         """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them.
@@ -130,7 +141,7 @@ class Diagnosis:
             return "unexplained"
         if not self.named:
             return "unexplained" if self.doubted else "none"
-        if not self.predicts_better:
+        if not self.carries_over:
             return "unexplained"
         return "identified" if len(self.named[0].names) == 1 else "ambiguous"
 

@@ -72,6 +72,13 @@ def blocks(fitted: Fit, least: int = 1, width_um: float | None = None) -> LeftOu
     return _together(folds) if len(folds) > 1 else None
 
 
+def parts_of(fitted: Fit, k: int = 0) -> list[np.ndarray]:
+    """Return which points of recording k lie in each block of its map, shape (points,) each; none of few points."""
+    item, counts = fitted.data[k], cuts(fitted)[k]
+    inside = [mask[item.recording.used] for mask, _ in _block_masks(item, counts)]
+    return [part for part in inside if part.sum() > FEWEST]
+
+
 def recordings(fitted: Fit) -> LeftOut | None:
     """Leave out every recording in turn; its own levelling and registration stay free. None with fewer than two."""
     if len(fitted.data) < 2:

@@ -66,6 +66,18 @@ def sentence(diagnosis: Diagnosis, *, finished: bool = True) -> str:
     return _verdict(diagnosis) + (f" {lacks}" if lacks else "")
 
 
+def _but(diagnosis: Diagnosis) -> str:
+    """Return why what was named does not carry over."""
+    if diagnosis.holdout:
+        return f"that on {diagnosis.holdout_by} does not"
+    return f"every {_each(diagnosis)} alone would give another process beside it"
+
+
+def _each(diagnosis: Diagnosis) -> str:
+    """Return what a process is asked to be the same for."""
+    return "recording" if len(diagnosis.recordings) > 1 else "block"
+
+
 def _verdict(diagnosis: Diagnosis) -> str:
     before, after = 1e3 * diagnosis.baseline.fit.rmse_um(), 1e3 * diagnosis.extended.fit.rmse_um()
     if diagnosis.verdict == "none":
@@ -74,7 +86,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained":
         named = ", ".join(" or ".join(item.names) for item in diagnosis.named)
-        if named and diagnosis.predicts_better:
+        if named and diagnosis.carries_over:
             return (
                 f"Part of the mismatch has no name: {named} explain {diagnosis.explained:.0%} of it "
                 f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."
@@ -82,7 +94,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         if named:
             return (
                 f"What is missing has no certain name: with {named} the error falls from {before:.1f} to "
-                f"{after:.1f} nm, but that on {diagnosis.holdout_by} does not."
+                f"{after:.1f} nm, but {_but(diagnosis)}."
             )
         if not diagnosis.complete:
             return "Recording and prediction differ beyond noise; whether a named effect explains it is still open."
@@ -197,10 +209,12 @@ def tests(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     add("spot", lone.p_value, strongest, "more than noise", "no more than noise")
     whole = "whole columns differ"
     add("lines along y", columns.p_value, whole, "from one another", "no more than noise does")
-    if diagnosis.agreement:
-        p_value, level = diagnosis.agreement.p_value, policy.LEVEL_STRUCTURE
-        more, less = "other parameters: the model does not transfer", "the same parameters"
-        add("one process for all recordings", p_value, "every recording alone would give", more, less, level)
+    told = [("", diagnosis.agreement), (" beside what was named", diagnosis.together if diagnosis.named else None)]
+    for beside, test in told:
+        if test:
+            more, less = "other parameters: the model does not transfer", "the same parameters"
+            begin, level = f"every {_each(diagnosis)} alone would give", policy.LEVEL_STRUCTURE
+            add(f"one process for all {_each(diagnosis)}s{beside}", test.p_value, begin, more, less, level)
     if lying := registrations(diagnosis.extended.fit):
         worst, p_value = chance_of(lying)
         name, less = diagnosis.recordings[worst.pair].name, _lies_well(diagnosis.recordings)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from dlwpredict.diagnosis.structure.freeform import free_forms
+from dlwpredict.infer.held_out import parts_of
 from dlwpredict.infer.objective import Fit
 
 SMALLEST = 1e-3
@@ -152,9 +153,10 @@ class Beside:
 
 
 def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
-    """Test whether every recording alone would give the same parameters; None with a single recording.
+    """Test whether every recording alone would give the same parameters; of one, every block of its map.
 
-    To first order: the energy that parameters free per recording explain beyond the shared ones.
+    To first order: the energy that parameters free per recording explain beyond the shared ones. None where there is
+    one recording of one block.
 
     Parameters
     ----------
@@ -162,8 +164,11 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
     draws : numpy.ndarray, shape (rows, draws)
         Of noise, beside the fit.
     """
-    if len(fitted.data) < 2:
-        return None
-    blocks = [fitted.jacobian[fitted.rows.of(k)] for k in range(len(fitted.data))]
-    scale = np.maximum(np.linalg.norm(fitted.jacobian, axis=0), 1e-12)
-    return Beside.of(fitted, [block / scale for block in blocks], draws).energy()
+    columns = fitted.jacobian / np.maximum(np.linalg.norm(fitted.jacobian, axis=0), 1e-12)
+    own = [columns[fitted.rows.of(k)] for k in range(len(fitted.data))]
+    if len(own) == 1:
+        parts = parts_of(fitted)
+        if len(parts) < 2:
+            return None
+        own = [np.hstack([own[0] * part[:, None] for part in parts])]
+    return Beside.of(fitted, own, draws).energy()
