@@ -24,7 +24,7 @@ class Told(Diagnosis):
 def told(names, before_um=0.025, after_um=0.016, *, agree=None, parts=1, unexplained=False, left=0.0):
     """Return a diagnosis that explains its own data: from 20 to 15 nm.
 
-    A recording is held out unless it is known how surely its recordings would give the same process.
+    A recording is held out unless it is known by how much its recordings disagree: by 10 beside the baseline.
     """
     models = [
         SimpleNamespace(
@@ -33,9 +33,9 @@ def told(names, before_um=0.025, after_um=0.016, *, agree=None, parts=1, unexpla
         for unseen, own, rest in ((before_um, 0.020, 10.0), (after_um, 0.015, left))
     ]
     named = [SimpleNamespace(names=names, effect=library()[names[0]]())] if names else []
-    holdout, nothing = () if agree else ("one",), [None] * 5
-    found = Told((None,) * parts, (), *models, tuple(named), *nothing, (), (), holdout)
-    found.__dict__["together"] = Energy(9.0, agree) if agree else None
+    holdout, nothing = () if agree else ("one",), [None] * 4
+    found = Told((None,) * parts, (), *models, tuple(named), *nothing, Energy(10.0, 1e-9), (), (), holdout)
+    found.__dict__["together"] = agree
     return found
 
 
@@ -56,19 +56,22 @@ def test_what_is_named_must_predict_better_what_was_held_out(names, verdict, bef
 
 
 @NAMED
-@pytest.mark.parametrize(("agree", "sure"), [(0.5, True), (0.03, True), (0.02, False), (1e-9, False)])
+@pytest.mark.parametrize(
+    ("agree", "excess", "sure"),
+    [(0.5, 9.0, True), (0.03, 9.0, True), (0.02, 9.0, False), (1e-9, 5.1, False), (1e-9, 4.9, True)],
+)
 @pytest.mark.parametrize(("parts", "each"), [(1, "block"), (2, "recording")])
-def test_every_part_must_give_the_same_process_beside_what_is_named(names, verdict, agree, sure, parts, each):
-    """However well it predicts what was left out, to first order, from fewer data."""
+def test_every_part_must_give_the_same_process_beside_what_is_named(names, verdict, agree, excess, sure, parts, each):
+    """Or most of what they disagreed by is gone; however well they predict what was left out, from fewer data."""
     for after_um in (0.016, 0.030):
-        found = told(names, after_um=after_um, agree=agree, parts=parts)
+        found = told(names, after_um=after_um, agree=Energy(excess, agree), parts=parts)
         assert found.verdict == (verdict if sure else "unexplained")
         said = f"but every {each} alone would give another process beside it."
         assert sentence(found).endswith(said) is not sure
 
 
 def test_a_lone_small_map_has_nothing_to_agree_with():
-    found = told(ONE, agree=0.5)
+    found = told(ONE, after_um=0.030, agree=Energy(9.0, 1e-9))
     found.__dict__["together"] = None
     assert found.verdict == "identified"
 

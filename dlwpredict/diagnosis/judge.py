@@ -111,13 +111,17 @@ class Diagnosis:
     def carries_over(self) -> bool:
         """Whether what was named holds where no fit has seen it: it lowers the error on recordings held out.
 
-        Without such, every recording, or block of the only one, tells the same of the process and of what was named.
-        That is no question of how well each of them tells it: a fit to fewer data predicts worse, right names or not.
+        Without such, what was named makes all recordings, or the blocks of the only one, tell the same of the process,
+        or most of what they disagree by has gone. That is no question of how much each of them tells: a fit to fewer
+        data predicts worse, right names or not.
         """
         if self.holdout:
             before, after = (self.held_out_um(model.fit) for model in (self.baseline, self.extended))
             return before is None or after is None or after < before
-        return self.together is None or self.together.p_value >= policy.LEVEL_STRUCTURE
+        alone, beside = self.agreement, self.together
+        if alone is None or beside is None or beside.p_value >= policy.LEVEL_STRUCTURE:
+            return True
+        return beside.excess < (1 - policy.AGREED) * alone.excess
 
     def intervals(self, fitted: Fit, *, profiles: bool = False) -> Intervals:
         """Return the 95 % intervals of a fit; with profiles where the strengths of its effects need them.
