@@ -233,7 +233,7 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     (said,) = cautions(better=False, named=(), verdict="unexplained", remainder=rest)
     assert "what the seven parameters leave has no name" in said
     (said,) = cautions(better=False, verdict="unexplained", remainder=rest)
-    assert "do not carry over to data that no fit has seen" in said
+    assert "do not predict better what was held out" in said
     (said,) = cautions(verdict="identified", remainder=rest)
     assert "left 0.0123 µm beyond noise" in said
     assert "before it was complete" in cautions(verdict="none", complete=False, remainder=rest)[0]

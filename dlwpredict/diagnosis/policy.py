@@ -96,10 +96,6 @@ name that chance puts into a half every other time passes once in twenty."""
 EXPLAINED = 0.9
 """The named effects must explain this share of what forms without a name explain, where a remainder is significant."""
 
-AGREED = 0.5
-"""They must also explain more than this share of what the recordings, each alone, disagree by about the process, where
-what is left of that is significant: the formula of a right name leaves some."""
-
 POWER = 1.28
 """Standard deviations above the threshold at which an effect is found nine times in ten: `not_testable` is one that
 does not reach them at the end of its range."""

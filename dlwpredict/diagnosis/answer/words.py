@@ -66,13 +66,6 @@ def sentence(diagnosis: Diagnosis, *, finished: bool = True) -> str:
     return _verdict(diagnosis) + (f" {lacks}" if lacks else "")
 
 
-def _but(diagnosis: Diagnosis) -> str:
-    """Return why what was named does not carry over."""
-    if diagnosis.holdout:
-        return f"that on {diagnosis.holdout_by} does not"
-    return f"every {_each(diagnosis)} alone would give another process beside it"
-
-
 def _each(diagnosis: Diagnosis) -> str:
     """Return what a process is asked to be the same for."""
     return "recording" if len(diagnosis.recordings) > 1 else "block"
@@ -94,7 +87,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         if named:
             return (
                 f"What is missing has no certain name: with {named} the error falls from {before:.1f} to "
-                f"{after:.1f} nm, but {_but(diagnosis)}."
+                f"{after:.1f} nm, but that on {diagnosis.holdout_by} does not."
             )
         if not diagnosis.complete:
             return "Recording and prediction differ beyond noise; whether a named effect explains it is still open."
