@@ -22,6 +22,9 @@ BLOCK_UM, BLOCK_FWHMS = 20.0, 2.5
 BUFFER_UM = 3.0
 """... with this much left out of the training around them."""
 
+MOST_ALONG = 3
+"""Blocks along an axis that are asked for parameters of their own: as many as tell centre from rim."""
+
 FEWEST = 50
 """Points that a block must have to be scored."""
 
@@ -73,9 +76,10 @@ def blocks(fitted: Fit, least: int = 1, width_um: float | None = None) -> LeftOu
 
 
 def parts_of(fitted: Fit, k: int = 0) -> list[np.ndarray]:
-    """Return which points of recording k lie in each block of its map, shape (points,) each; none of few points."""
-    item, counts = fitted.data[k], cuts(fitted)[k]
-    inside = [mask[item.recording.used] for mask, _ in _block_masks(item, counts)]
+    """Return which points of recording k lie in each of few large blocks of its map, shape (points,) each."""
+    item, (across, up) = fitted.data[k], cuts(fitted)[k]
+    masks = _block_masks(item, (min(across, MOST_ALONG), min(up, MOST_ALONG)))
+    inside = [mask[item.recording.used] for mask, _ in masks]
     return [part for part in inside if part.sum() > FEWEST]
 
 
