@@ -225,7 +225,7 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
 
     def cautions(better=True, named=("curl",), **content):
         return Answer(
-            content, SimpleNamespace(recordings=recordings, carries_over=better, explained=0.4, named=named), []
+            content, SimpleNamespace(recordings=recordings, predicts_better=better, explained=0.4, named=named), []
         ).cautions
 
     (said,) = cautions(verdict="unexplained", remainder=rest)

@@ -85,7 +85,7 @@ class Answer:
             )
         if self.verdict == "unexplained" and not self.diagnosis.named:
             said.append("the diagnosis is 'unexplained': what the seven parameters leave has no name")
-        elif self.verdict == "unexplained" and not self.diagnosis.carries_over:
+        elif self.verdict == "unexplained" and not self.diagnosis.predicts_better:
             said.append("the diagnosis is 'unexplained': its effects do not predict better what was held out")
         elif self.verdict == "unexplained":
             share = f"{100 * (1 - self.diagnosis.explained):.0f} %"

@@ -108,7 +108,7 @@ class Diagnosis:
         return agreement(self.fitter.objective.whole(self.extended.fit), self.extended.draws)
 
     @property
-    def carries_over(self) -> bool:
+    def predicts_better(self) -> bool:
         """Whether what was named lowers the error on recordings held out; so where there are none.
 
         What is left out in turn is no judge: a fit to fewer data predicts worse, right names or not, where one
@@ -142,7 +142,7 @@ class Diagnosis:
             return "unexplained"
         if not self.named:
             return "unexplained" if self.doubted else "none"
-        if not self.carries_over:
+        if not self.predicts_better:
             return "unexplained"
         return "identified" if len(self.named[0].names) == 1 else "ambiguous"
 

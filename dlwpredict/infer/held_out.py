@@ -75,7 +75,7 @@ def blocks(fitted: Fit, least: int = 1, width_um: float | None = None) -> LeftOu
     return _together(folds) if len(folds) > 1 else None
 
 
-def parts_of(fitted: Fit, k: int = 0) -> list[np.ndarray]:
+def parts_of(fitted: Fit, k: int) -> list[np.ndarray]:
     """Return which points of recording k lie in each of few large blocks of its map, shape (points,) each."""
     item, (across, up) = fitted.data[k], cuts(fitted)[k]
     masks = _block_masks(item, (min(across, MOST_ALONG), min(up, MOST_ALONG)))

@@ -79,7 +79,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained":
         named = ", ".join(" or ".join(item.names) for item in diagnosis.named)
-        if named and diagnosis.carries_over:
+        if named and diagnosis.predicts_better:
             return (
                 f"Part of the mismatch has no name: {named} explain {diagnosis.explained:.0%} of it "
                 f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."

@@ -167,7 +167,7 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
     columns = fitted.jacobian / np.maximum(np.linalg.norm(fitted.jacobian, axis=0), 1e-12)
     own = [columns[fitted.rows.of(k)] for k in range(len(fitted.data))]
     if len(own) == 1:
-        parts = parts_of(fitted)
+        parts = parts_of(fitted, 0)
         if len(parts) < 2:
             return None
         own = [np.hstack([own[0] * part[:, None] for part in parts])]
