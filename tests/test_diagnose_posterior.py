@@ -331,6 +331,7 @@ class TestSearch:
         found.fitter = SimpleNamespace(
             free=named_by,
             settled=lambda fit: settled, reopened=lambda start: True, contest=contest, settle=lambda fits: fits,
+            nearer=lambda fits, limits: fits,
         )  # fmt: skip
         both = frozenset(CURL + FIELD)
         costs = [Search.without(found, both, "field-curvature").cost for _ in range(2)]
@@ -501,8 +502,9 @@ class TestSearch:
             return {key_of(free(own[0].parameters)): found.fitted[begun[-1]] for own in models}
 
         found.fitter = SimpleNamespace(
-            free=free, settled=lambda fit: False, reopened=lambda start: True, contest=contest, settle=lambda fits: fits
-        )
+            free=free, settled=lambda fit: False, reopened=lambda start: True,
+            contest=contest, settle=lambda fits: fits, nearer=lambda fits, limits: fits,
+        )  # fmt: skip
         both = frozenset(CURL + FIELD)
         pair = found.fitted[both].parameters
         off = tuple(replace(one, rise_um=0.0) if one.name == "curl" else one for one in pair.effects)

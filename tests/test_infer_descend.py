@@ -1,7 +1,8 @@
 """The descent and the fitter: they come to rest where nothing is lower, from wherever they begin."""
 
 import json
-from dataclasses import dataclass, field, make_dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -119,10 +120,15 @@ def test_another_place_is_in_the_same_valley_where_its_residual_follows_from_the
     assert fitting._leads_to(found, by_hand(free, np.array([1.0, 2.0]), np.array(end))) == same
 
 
-def test_a_lower_place_is_descended_from_wherever_it_lies():
+@pytest.mark.parametrize(
+    ("end", "promise", "lower"), [(0.4, 0.0, True), (10.0, 60.0, True), (10.0, 40.0, False), (-8.0, 60.0, False)]
+)
+def test_another_place_is_descended_from_where_it_is_lower_or_may_become_so(end, promise, lower):
+    """Of 100, twice 60 leads below the 1 that is found; and a residual that follows to first order is on its way."""
     free = Banana().free
-    found = by_hand(free, np.zeros(2), np.array([1.0]), np.array([[0.6, 0.0]]))
-    assert not fitting._leads_to(found, by_hand(free, np.array([1.0, 0.0]), np.array([0.4])))
+    found = by_hand(free, np.zeros(2), np.array([1.0]), np.array([[9.0, 0.0]]))
+    other = replace(by_hand(free, np.array([1.0, 0.0]), np.array([end])), promise=promise)
+    assert fitting._may_be_lower(Banana(), other, found) == lower
 
 
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (-4.0, 16.0), (3.0, 9.0)])
@@ -189,6 +195,22 @@ def recorded(target: HeightMap, truth: ParameterSet, rng: np.random.Generator) -
     return Objective((Whitened.of(prepare(target, target.with_heights(heights)), Uneven(NOISE)),))
 
 
+@dataclass(frozen=True)
+class Quick:
+    """What a contest keeps of a fit."""
+
+    cost: float
+    promise: float = 0.0
+    rows: Rows | None = None
+    free: SimpleNamespace | None = None
+    vector: np.ndarray | None = None
+    data: tuple = ()
+
+    @property
+    def light(self):
+        return self
+
+
 class TestFitter:
     @pytest.mark.slow
     @pytest.mark.parametrize("seed", [20, 21, 25])
@@ -205,37 +227,46 @@ class TestFitter:
         assert found.cost / found.rows.data == pytest.approx(1, abs=0.1)
 
     @pytest.mark.parametrize(
-        ("data", "explained", "promises", "renewed"),
+        ("data", "explained", "promises", "limit", "renewed"),
         [
-            (20, 0.0, [5.0], 0),
-            (20, 0.0, [7.0, 5.0], 1),
-            (20, 0.0, [7.0, 7.0], 2),
-            (20, 0.0, [9.0] * 9, 2),
-            (-9990, 0.0, [9.0] * 9, 0),
-            (20, 1e4, [9.0] * 9, 0),
+            (20, 0.0, [5.0], 30, 0),
+            (20, 0.0, [7.0, 5.0], 30, 1),
+            (20, 0.0, [7.0, 7.0], 30, 2),
+            (20, 0.0, [9.0] * 9, 30, 2),
+            (20, 0.0, [9.0] * 9, 1.5, 2),
+            (20, 0.0, [9.0, 7.0], 1.5, 1),
+            (20, 0.0, [9.0] * 9, 0.5, 0),
+            (-9990, 0.0, [9.0] * 9, 30, 0),
+            (20, 1e4, [9.0] * 9, 30, 0),
         ],
     )
-    def test_a_quick_fit_goes_on_with_derivatives_anew_while_its_tangent_promises_more(
-        self, monkeypatch, data, explained, promises, renewed
+    def test_a_quick_fit_goes_on_with_derivatives_anew_while_it_may_matter(
+        self, monkeypatch, data, explained, promises, limit, renewed
     ):
-        """More than tells two models apart, or than a thousandth of what the model is or was wrong by, here 10."""
-        rows = Rows((data,), (0,), 0)
-        left, hurried, fit = (
-            iter([*promises, promises[-1]]),
-            [],
-            make_dataclass("Fit", ["cost", ("promise", float, 0.0), ("rows", Rows, rows)]),
-        )
+        """While its tangent promises more than 6, or than a thousandth of what the model is or was wrong by, here 10.
+
+        And while twice that promise leads below the limit: from 19 by 9 to 1.
+        """
+        rows, known = Rows((data,), (0,), 0), SimpleNamespace(names=("curl.rise_um",), base=ParameterSet())
+        left, hurried = iter([*promises, promises[-1]]), []
+
+        fit = partial(Quick, rows=rows, free=known)
         monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
+        monkeypatch.setattr(fitting, "recorded", lambda fit: {})
         monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: fit(start.cost))
         monkeypatch.setattr(
             fitting, "_hurried", lambda o, begun, like: hurried.append(begun.cost) or fit(begun.cost - 1)
         )
-        work = SimpleNamespace(predictions=0.0)
-        objective = SimpleNamespace(differentiated=lambda fit: fit, work=work, explained=explained)
-        starts = [SimpleNamespace(cost=cost, parent=None) for cost in (30.0, 20.0)]
-        found, _ = fitting._quick(objective, None, starts)
-        assert found.cost == 19 - renewed
-        assert found.promise == promises[-1], "what it still promised is kept"
+        monkeypatch.setattr(Fitter, "free", lambda self, parameters: known)
+        monkeypatch.setattr(Objective, "at", lambda self, free, vector, near: near)
+        monkeypatch.setattr(Objective, "differentiated", lambda self, fit: fit)
+        fitter = Fitter(Objective(()), choose(ParameterSet()), explained=explained)
+        starts = [SimpleNamespace(cost=cost, parent=None, parameters=ParameterSet()) for cost in (30.0, 20.0)]
+        (found,) = fitter.contest([starts]).values()
+        assert (found.cost, found.promise) == (19, promises[0])
+        (nearer,) = fitter.nearer([found], [limit])
+        assert nearer.cost == 19 - renewed and fitter.quick == {key_of(known): nearer}
+        assert nearer.promise == promises[min(renewed, len(promises) - 1)], "what it still promises is kept"
         assert hurried == [30, 20, 19, 18][: 2 + renewed], "of several starts the lowest goes on"
 
     def test_a_quick_fit_goes_on_past_the_end_of_a_range_that_nature_does_not_end(self, air):

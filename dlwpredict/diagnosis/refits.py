@@ -168,6 +168,8 @@ class Refits:
             models[key_of(self.fitter.free(start.parameters))].append(start)
         fits = list(self.fitter.contest(list(models.values())).values())
         self.keep(fits)
+        fits = self.fitter.nearer(fits, self._limits(fits))
+        self.keep(fits)
         self.keep(self.fitter.settle([fit for fit in fits if self._may_replace(fit)]))
 
     def stripped(self, start: Start) -> Start:
@@ -181,6 +183,12 @@ class Refits:
         known = self.fitted[self.names(fit.parameters)]
         other = key_of(fit.free) != key_of(known.free) and not self.fitter.settled(fit)
         return other and self.priced(fit) - fit.promise < self.priced(known)
+
+    def _limits(self, fits: Iterable[Fit]) -> list[float]:
+        """Return the highest costs at which the sets of some fits matter beside the best one that is known."""
+        best = min(self.fitted, key=lambda names: self.priced(self.fitted[names]))
+        costs = {names: fit.cost for names, fit in self.fitted.items()}
+        return [self._limit(self.names(fit.parameters), costs, best) for fit in fits]
 
     def settle(self, beside: Names, among: Iterable[Names]) -> None:
         """Bring to convergence those of some sets that may matter beside another: what is near, or may come near."""
@@ -197,7 +205,7 @@ class Refits:
         out gain: as much as the form of all may be wrong is asked of them. In the place of one, a look-alike, whose
         form is compared with that one's alone. In the place of several it matters only where it may be the best.
         """
-        size = max(len(beside), 1)
+        size = len(beside)
         leader = min([beside, *(other for other in costs if len(other) == size)], key=lambda other: costs[other])
         least = costs[leader]
         if len(names) > size:
