@@ -314,6 +314,12 @@ class TestSearch:
         found.settle(frozenset(CURL + FIELD), [frozenset(names)])
         assert converged == [asked] * settled
 
+    @pytest.mark.parametrize(("gain", "limit"), [(100.0, 921.98), (5.0, 994.0)])
+    def test_quick_fits_are_gone_on_with_as_far_as_they_may_matter(self, gain, limit):
+        """In the place of 100, within 2 · (6 + 5) of it; where nothing stands, from half of 12 on."""
+        found = search({CURL: gain, DARK: 1.0})
+        assert found._limits([found.fitted[frozenset(DARK)]]) == pytest.approx([limit])
+
     @pytest.mark.parametrize("settled", [False, True])
     def test_a_reduced_model_is_begun_where_the_set_was_fitted_once_unless_it_is_converged(self, settled):
         """The quick fit of one of two effects brings 10; begun at both it brings 95."""
@@ -642,6 +648,8 @@ class TestClasses:
         assert (even, sure) == pytest.approx((0.5, 0.99), abs=1e-3)
         (scattered,) = named_in(search({CURL: 48.0}, curl=2.0), frozenset(CURL), 0.0)
         assert scattered.probability == pytest.approx(0.5)
+        (doubtful,) = named_in(search({CURL: 12.0 + 9.19}), frozenset(CURL), 59.9)
+        assert doubtful.probability == pytest.approx(1 / (1 + np.exp(-9.19 / 11 / 2))), "what is left may be what it is"
         assert scattered.p_value == pytest.approx(THRESHOLDS.p_value(12.0))
 
     def test_a_rival_refitted_lower_is_no_gain(self):

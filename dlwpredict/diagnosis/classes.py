@@ -51,7 +51,7 @@ class Named:
     p_value : float
         Family-wise.
     probability : float
-        That something of the class is there.
+        That something of the class is there; what is left without a name may be what it was taken for.
     fit, reduced : Fit
         The set with it and without.
     members : tuple of Member
@@ -119,7 +119,7 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
     share = sum(weights[member] for member in members)
     reduced = search.without(best, name)
     sure = search.surely(best, name) - search.place_price.get(name, 0.0)
-    odds = (search.surely(best, name) - search.needed(best, name)) / search.spread.get(name, 1.0) ** 2 / 2
+    odds = (search.surely(best, name) - search.needed(best, name)) / search.width(0.0, name, left) / 2
     return Named(
         effect_of(fit.parameters, name),
         gain,
