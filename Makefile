@@ -34,12 +34,15 @@ $(VENV)/.installed: pyproject.toml
 include $(filter-out configs/workflow.mk,$(wildcard configs/*.mk))  # workflow.mk is for a lab's own folder
 
 # -- the daily targets ------------------------------------------------------------------------
-.PHONY: demo test test-fast check format docs clean
+.PHONY: demo test test-long test-fast check format docs clean
 demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagnose, correct, print again, a page
 	@$(BIN)/python -m tests.bench.demo $(DEMO) $(SEVEN)
 
 test: $(VENV)/.installed ## Run the tests, on all cores
-	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile
+	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not long"
+
+test-long: $(VENV)/.installed ## Run the others, whole diagnoses mostly: ten seconds and more each
+	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadgroup -m long
 
 test-fast: $(VENV)/.installed ## Run those tests that take no longer than about a second
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not slow"

@@ -91,6 +91,7 @@ def test_mirrored_recording_is_refused_in_one_line_and_leaves_nothing(pair):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not PRINTS.is_dir(), reason="recordings of real prints are not at hand")
 @pytest.mark.parametrize("field", ["FOV12", "FOV71"])
 def test_real_prints_correlate_at_093(field):

@@ -28,6 +28,8 @@ NOISE = Noise(0.004, 0.01, 1.0, 0.5, 0.5)
 PART = {"size_um": 16.0, "pitch_um": 0.5, "margin_um": 4.0}
 LONGEST_S = 300
 
+pytestmark = pytest.mark.xdist_group("anytime")
+
 LISTENING = """
 import signal
 from dlwpredict.cli import main
@@ -139,6 +141,7 @@ def test_the_end_of_a_time_waits_for_a_first_answer_and_ctrl_c_does_not():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_time_limit_ends_it_before_anything_was_tested(prints, whole, tmp_path):
     """However short it is and however busy the machine: an answer is there; a page that is not there is no success."""
     status, out, err = done(prints, tmp_path, "--time-limit", "0.001s", "--report", "d.html")
@@ -156,6 +159,7 @@ def test_a_time_limit_ends_it_before_anything_was_tested(prints, whole, tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "jobs"), [(signal.SIGINT, "1"), (signal.SIGTERM, "2")])
 def test_a_signal_ends_it_in_good_order(prints, whole, tmp_path, number, jobs):
     files = "--maps", "maps", "--report", "d.html", "--params-out", "e.yaml"
@@ -175,6 +179,7 @@ def test_a_signal_ends_it_in_good_order(prints, whole, tmp_path, number, jobs):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_kill_at_any_moment_leaves_a_whole_answer(prints, whole, tmp_path):
     """Killed and taken up again, and again: it comes to its end, which is that of a run that nobody killed."""
     rng, words = np.random.default_rng(3), ()
@@ -194,6 +199,7 @@ def test_a_kill_at_any_moment_leaves_a_whole_answer(prints, whole, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_answer_stands_until_there_is_another(prints, tmp_path):
     (tmp_path / "d.yaml").write_text("mine")
     running = begun(prints, tmp_path, "--overwrite")
@@ -208,6 +214,7 @@ def test_an_answer_stands_until_there_is_another(prints, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_only_the_same_command_goes_on(prints, tmp_path):
     assert done(prints, tmp_path, "--time-limit", "0.2")[0] == 0
     before = (tmp_path / "d.yaml").read_bytes()

@@ -86,6 +86,7 @@ def pairs(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_halves_of_real_data_agree_on_what_all_have(pairs, monkeypatch):
     folder, words = pairs
     monkeypatch.setattr(policy, "SPLITS", 1)

@@ -96,6 +96,7 @@ def test_no_process_is_as_wrong_as_a_strong_effect_would_have_it(part, monkeypat
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_radicals_that_reach_farther_than_a_gaussian_are_no_effect():
     """The press's tails of cross-linking were named vignetting with a curved focal surface."""
     found, _ = answered(crosslink_tails=0.2)

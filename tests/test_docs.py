@@ -156,6 +156,7 @@ def test_the_example_runs(name, bench, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
 def test_the_tutorial_runs(tmp_path):
     text = (DOCS / "tutorial.md").read_text(encoding="utf-8")

@@ -111,6 +111,7 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_diagnosis_is_that_of_one_process(workers):
     """Down to the last figure: what is found must not hang on how many cores a machine has."""
     target = designs.cin(size_um=20, pitch_um=0.5, margin_um=2)

@@ -72,6 +72,7 @@ class TestCalibrate:
 
 class TestAlign:
     @pytest.mark.slow
+    @pytest.mark.long
     @settings(few, max_examples=3)
     @given(
         turn_deg=between(-180.0, 180.0),

@@ -517,6 +517,7 @@ def test_stepwise_bic_finds_a_column_in_independent_noise_and_stops():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """The program is played by a stand-in that finds nothing; everything else is real."""
     asked, really = [], answer._run
