@@ -41,8 +41,8 @@ demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagn
 test: $(VENV)/.installed ## Run the tests, on all cores
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not long"
 
-test-long: $(VENV)/.installed ## Run the others, whole diagnoses mostly: ten seconds and more each
-	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadgroup -m long
+test-long: $(VENV)/.installed ## Run the others: ten seconds and more each, but for the mission
+	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m long
 
 test-fast: $(VENV)/.installed ## Run those tests that take no longer than about a second
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not slow"

@@ -28,8 +28,6 @@ NOISE = Noise(0.004, 0.01, 1.0, 0.5, 0.5)
 PART = {"size_um": 16.0, "pitch_um": 0.5, "margin_um": 4.0}
 LONGEST_S = 300
 
-pytestmark = pytest.mark.xdist_group("anytime")
-
 LISTENING = """
 import signal
 from dlwpredict.cli import main

@@ -12,7 +12,7 @@ from dlwpredict.infer.intervals import intervals
 from tests.mission import answered, target
 from tests.prove.place import points_at
 
-pytestmark = [pytest.mark.slow, pytest.mark.long]
+pytestmark = pytest.mark.slow
 
 NAMED = {
     "dose-memory": ({"gain": 0.1, "length_um": 8.0}, "print"),
@@ -37,10 +37,10 @@ MISSED = {
 """It has a rival within 4 % of its gain, less than a form is trusted to: with a threshold of 0.22."""
 
 
-def each(missed=MISSED):
-    """Return all names, those of one on one core; what is known to be missed must be so, or the mark goes."""
-    marks = {one: [pytest.mark.xfail(strict=True, reason=why)] for one, why in missed.items()}
-    return [pytest.param(one, marks=[pytest.mark.xdist_group(one), *marks.get(one, [])]) for one in NAMED]
+def but_for(missed):
+    """Return all names; what is known to be missed must be so, or the mark goes."""
+    marks = {one: pytest.mark.xfail(strict=True, reason=why) for one, why in missed.items()}
+    return [pytest.param(one, marks=marks.get(one, ())) for one in NAMED]
 
 
 @cache
@@ -53,7 +53,7 @@ def both_sides():
     return answered({"name": "dose-memory", "gain": 0.1, "length_um": 8.0}, {"name": "slope-error", "bias_um": 0.05})
 
 
-@pytest.mark.parametrize("name", each())
+@pytest.mark.parametrize("name", but_for(MISSED))
 def test_a_concealed_effect_is_named_alone_and_on_its_side(name):
     side = NAMED[name][1]
     found, _ = answer_to(name)
@@ -63,7 +63,7 @@ def test_a_concealed_effect_is_named_alone_and_on_its_side(name):
     assert first.sides[side] == pytest.approx(1) and first.probability > 0.95
 
 
-@pytest.mark.parametrize("name", each(missed={}))
+@pytest.mark.parametrize("name", NAMED)
 def test_the_interval_of_its_strength_holds_the_truth(name):
     settings, _ = NAMED[name]
     found, _ = answer_to(name)
@@ -73,7 +73,6 @@ def test_the_interval_of_its_strength_holds_the_truth(name):
         assert low <= settings[key] <= high
 
 
-@pytest.mark.xdist_group("edge-drying")
 def test_an_interval_holds_that_the_form_of_the_process_is_doubted():
     """Drying is short beside radicals' reach, and yet what their spread does resembles it a little."""
     found, _ = answer_to("edge-drying")
@@ -83,11 +82,12 @@ def test_an_interval_holds_that_the_form_of_the_process_is_doubted():
     assert doubted.sd[k] > 1.02 * sure.sd[k]
 
 
-@pytest.mark.parametrize("name", each(missed={}))
+@pytest.mark.parametrize("name", NAMED)
 def test_a_diagnosis_of_one_effect_takes_no_more_work_than_it_may(name):
     assert answer_to(name)[1].predictions <= ONE
 
 
+@pytest.mark.long
 def test_look_alikes_stay_in_one_class():
     """A dark rim by optics, by a curved focal surface and by a bent part look alike on parts of one height."""
     found, _ = answered({"name": "vignetting", "strength": 0.6})
@@ -96,6 +96,7 @@ def test_look_alikes_stay_in_one_class():
     assert sum(member.probability for member in found.named[0].members) == pytest.approx(1)
 
 
+@pytest.mark.long
 def test_a_dome_that_radicals_might_make_as_well_is_doubted():
     """A quarter of that dark rim explains more than noise, but no more than cross-linking of another form would."""
     found, _ = answered({"name": "vignetting", "strength": 0.15})
@@ -103,7 +104,6 @@ def test_a_dome_that_radicals_might_make_as_well_is_doubted():
     assert set(found.doubted) == {"vignetting", "print-field-curvature", "curl"}
 
 
-@pytest.mark.xdist_group("both sides")
 def test_two_effects_of_both_sides_are_both_named():
     found, _ = both_sides()
     first, second = (one.names for one in found.named)
@@ -112,7 +112,6 @@ def test_two_effects_of_both_sides_are_both_named():
     assert second[0] == "slope-error"
 
 
-@pytest.mark.xdist_group("both sides")
 def test_the_second_of_two_has_only_its_rivals_beside_it():
     """A tip, R(√(1+s²) − 1) ≈ R·s²/2, and as above an offset of the interface: both within 6 % of its gain."""
     found, _ = both_sides()
@@ -127,6 +126,7 @@ def test_what_no_effect_explains_is_called_unexplained_and_pointed_at():
     assert points_at(particle, [vars(place) for place in found.places], target("cin").size_um[0])
 
 
+@pytest.mark.long
 def test_a_blemish_takes_no_name_and_hides_none():
     """A particle beside shrinkage, on both recordings: it is left out, and what is left is named as without it."""
     particle = {"name": "particle", "x_um": 4.0, "y_um": -3.0, "diameter_um": 4.0, "height_um": 0.1}
