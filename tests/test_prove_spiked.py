@@ -21,14 +21,17 @@ def test_noise_found_is_the_noise_added(smoothness):
     assert (noise.length_um, noise.smoothness) == (pytest.approx(1.1), smoothness)
 
 
-def finding(*names, side="print", **parameters):
-    return {"effects": list(names), "side": side, "parameters": parameters}
+def finding(*names, side="print", probability=0.99, **parameters):
+    return {"effects": list(names), "side": side, "probability": probability, "parameters": parameters}
 
 
 def told(*findings, verdict="identified", rms_um=0.01, **model):
     """Return an answer; what its model holds of vignetting beside its findings by value and interval."""
     own = {f"vignetting.{name}": size for name, size in model.items()}
-    rest = {"remainder": {"rms_um": rms_um}, "extended": {"parameters": own | {"threshold": {"value": 0.4}}}}
+    rest = {
+        "remainder": {"rms_um": rms_um, "significant": verdict == "unexplained"},
+        "extended": {"parameters": own | {"threshold": {"value": 0.4}}},
+    }
     return {"verdict": verdict, "findings": list(findings), **rest}
 
 
@@ -56,6 +59,8 @@ def strength(*of):
         (told(OWN), told(finding("vignetting", **strength(0.3, 0.25, 0.35))), {"alone": True, "covered": False}),
         (told(OWN), told(finding("field-curvature", side="measurement")),
          {"heard": True, "held": False, "alike": True, "wrong_side": True, "misnamed": True}),
+        (told(OWN), told(finding("field-curvature", side="measurement", probability=0.89), verdict="unexplained"),
+         {"heard": True, "held": False, "wrong_side": False, "misnamed": False}),
         (told(finding("vignetting", **strength(0.1, 0.05, 0.15)), **size(0.1, 0.05, 0.15)),
          told(**size(0.31, 0.25, 0.35)), {"heard": True, "held": True, "covered": True}),
         (told(finding("vignetting", **strength(0.1, 0.05, 0.15)), **size(0.1, 0.05, 0.15)),
@@ -88,3 +93,7 @@ def test_the_table_counts_by_strength():
     assert counts["from twice the limit on: heard"] == (1, 1)
     assert counts["weaker ones: heard"] == (0, 1)
     assert counts["... given a name with confidence"] == (1, 1)
+
+
+def test_what_a_control_holds_without_a_name_counts_as_noise():
+    assert [spiked.nameless_um(told(verdict=verdict)) for verdict in ("unexplained", "identified")] == [0.01, 0.0]

@@ -44,6 +44,9 @@ from tests.prove.sealed import Folder, strength
 from tests.prove.table import Row, counted, wilson
 
 SEED, WEAKEST = 830241, 0.5
+SURE = 0.9
+"""Probability from which on a finding counts as said: by less than that a diagnosis tells its reader to doubt it."""
+
 PITCH_UM = 0.3
 START = Path("configs/real.yaml")
 TRIES = 12
@@ -84,6 +87,7 @@ class Real:
             name.replace("exposure_", "focus_"): one["value"] for name, one in told["baseline"]["parameters"].items()
         }
         noise = noise_of(told["noise"][0])
+        noise["sigma_um"] = math.hypot(noise["sigma_um"], nameless_um(told))
         return cls(part, recording, process, noise, Sight.of([part], process, noise), shown(part, process, []))
 
     def change(self, entry: Mapping) -> np.ndarray:
@@ -106,6 +110,16 @@ def noise_of(told: Mapping) -> dict:
         "sigma_um": correlated,
         "correlation_um": told["length_um"] / SMOOTHNESS[kind][1],
     }
+
+
+def nameless_um(told: Mapping) -> float:
+    """Return what a diagnosis leaves without a name, µm: a change that is no larger is not known to be there."""
+    return float(told["remainder"]["rms_um"]) if told["remainder"]["significant"] else 0.0
+
+
+def said(findings: Sequence[Mapping]) -> list[Mapping]:
+    """Return the findings that a diagnosis says for nearly certain."""
+    return [finding for finding in findings if finding["probability"] >= SURE]
 
 
 def _near(smoothness: float):
@@ -206,7 +220,7 @@ def judged(folder: Path, name: str) -> dict:
     moved = bool(here and there) and abs(here["value"] - goal) < size / 2
     grown = told["remainder"]["rms_um"] ** 2 - control["remainder"]["rms_um"] ** 2 > truth["left_um"] ** 2 / 2
     strange = truth["name"] in OUTSIDE
-    first = new[0] if new else None
+    first, sure = (findings[0] if findings else None for findings in (new, said(new)))
     return result | {
         "verdict": told["verdict"],
         "new": [finding["effects"] for finding in new],
@@ -215,7 +229,7 @@ def judged(folder: Path, name: str) -> dict:
         "held": bool(held) or moved,
         "alike": bool(first) and any(alike(truth["name"], one) for one in first["effects"]),
         "alone": bool(held) and held[0]["effects"] == [truth["name"]],
-        "wrong_side": bool(first) and not strange and first["side"] not in ("undecided", SIDES[truth["name"]]),
+        "wrong_side": bool(sure) and not strange and sure["side"] not in ("undecided", SIDES[truth["name"]]),
         "misnamed": bool(first) and told["verdict"] != "unexplained" and not held and not moved,
         "covered": here["low"] <= truth["value"] - truth["off"] + zero <= here["high"]
         if here and (held or moved)
@@ -287,7 +301,7 @@ def _again(folder: Path, control: str, name: str) -> dict:
     first, second = (json.loads(Folder(folder).answer(one).read_text())["diagnosis"] for one in (control, name))
     return {
         "name": name,
-        "more": bool(second["findings"]),
+        "more": bool(said(second["findings"])),
         "first": [f["effects"] for f in first["findings"]],
         "second": [f["effects"] for f in second["findings"]],
     }
@@ -315,7 +329,9 @@ def main(words: Sequence[str] | None = None) -> int:
         "text": f"{len(proof['cases'])} of {proof['sealed']} sealed cases were asked, on {len(proof['fields'])} "
         "published AFM recordings of two-photon prints, one field each; median "
         f"{seconds[len(seconds) // 2]:.0f} s. What the diagnosis of the untouched recording names is given to that of "
-        "the changed one; counted is what it says besides. The limit is that of noise alone.",
+        "the changed one; counted is what it says besides; as a wrong side, or said of an untouched one, what "
+        f"has a probability of {SURE:.0%} at least. The limit is that of noise, and of what the untouched "
+        "recording holds without a name.",
     }
     report = chosen.report or chosen.folder / "spiked.json"
     write_text(report, json.dumps(about | proof, indent=1, default=float) + "\n")
