@@ -163,22 +163,26 @@ def _searched(
     """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds."""
     model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
     near = every.whitener(model)
-    while (evened := _more_even(even, near, model)) is not even:
+    while (evened := _more_even(even, near)) is not even:
         even = evened
+        model, place, by_kind = most_likely(Likelihood.of(even, chosen, model), model, kinds, grains_px)
+        near = every.whitener(model)
+    if even.ways:  # what lines have had was in the whitener that first told them
+        even = even.resized(near)
         model, place, by_kind = most_likely(Likelihood.of(even, chosen, model), model, kinds, grains_px)
         near = every.whitener(model)
     return even.seen(near), model, place, by_kind
 
 
-def _more_even(even: Evened, near: sparse.csr_array, model: Noise) -> Evened:
+def _more_even(even: Evened, near: sparse.csr_array) -> Evened:
     """Look beside the means of rows or columns, then their tilts, whichever are more surely uneven; then on slopes."""
-    seen = even.beside_all_of(even.ways).seen(near)
+    seen = even.beside_all_of(even.ways, near).seen(near)
     left = [way for way in even.members if way not in even.ways]
     open_ways = [(axis, order) for axis, order in left if order == OFFSET or (axis, OFFSET) in even.ways]
     by_way = {way: seen.lines(way) for way in open_ways}
     if any(unevenness.found for unevenness in by_way.values()):
         way = max(by_way, key=lambda way: by_way[way].gain)
-        return even.also(way, by_way[way].size, model)
+        return even.also(way, by_way[way].size, near)
     by_power = {power: seen.jitter(power) for power in POWERS} if not even.growth else {}
     if any(unevenness.found for unevenness in by_power.values()):
         power = max(by_power, key=lambda power: by_power[power].gain)

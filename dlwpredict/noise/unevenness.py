@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, optimize, sparse, special
@@ -179,10 +180,11 @@ class Evened:
         k and p of s = (1 + (k·|∇f|)^p)^(1/p), how many times stronger the noise is than on flat ground: everything is
         divided by it.
     ways : mapping of Way to float
-        Offsets or tilts of rows or columns beside which everything is looked at; of each, how many points of a line
-        would know it as well as its prior does.
+        Offsets or tilts of rows or columns beside which everything is looked at; of each 1/σ², µm⁻², 0 for any size.
     lean : float
         Of the lines.
+    near : scipy.sparse.csr_array, shape (points, points), or None
+        Whitens the noise from which they are told.
     """
 
     values_um: np.ndarray
@@ -193,6 +195,7 @@ class Evened:
     power: float = 2.0
     ways: Mapping[Way, float] = field(default_factory=dict)
     lean: float = 0.0
+    near: sparse.csr_array | None = None
 
     @property
     def scale(self) -> np.ndarray:
@@ -208,38 +211,41 @@ class Evened:
     def beside_lines(self, values: np.ndarray) -> np.ndarray:
         """Return values (points, columns), divided already, without what the uneven lines likely have of them.
 
-        Ridge regression: the mean of a line is mostly noise that is correlated along it where the line's own offset is
-        small. Were all of it taken, noise would look as if it were correlated over shorter distances.
+        The best linear prediction of the lines A: v − A·(AᵀWA + 1/σ²)⁻¹·AᵀW·v, with W the inverse covariance of the
+        rest. By their plain means, noise that is correlated over many lines would be taken for offsets, and look as if
+        it were correlated over shorter distances; or offsets be left, and look as if it were over longer ones.
         """
-        left, taken, known = values, dict.fromkeys(self.ways, 0.0), {}
-        for way, points in self.ways.items():
-            lines = self.lines(way)
-            products = lines.T @ lines  # a point lies on one line, or between two
-            own = products.diagonal()
-            prior = points + 1e-9 * own.max(initial=1e-300)
-            known[way] = lines, np.stack([np.append(0.0, products.diagonal(1)), own + prior])
-        for way in list(self.ways) * len(self.ways):
-            lines, bands = known[way]
-            left = left + taken[way]
-            taken[way] = lines @ linalg.solveh_banded(bands, lines.T @ left)
-            left = left - taken[way]
-        return left
+        if not self.ways:
+            return values
+        lines, white, factor = self._told
+        return values - lines @ linalg.cho_solve(factor, white.T @ (self.near @ values))
 
-    def also(self, way: Way, size_um: float, noise: Noise) -> Evened:
-        """Return values beside one more way of being uneven, of this standard deviation, where noise is about so.
+    @cached_property
+    def _told(self) -> tuple[sparse.csr_array, sparse.csr_array, tuple[np.ndarray, bool]]:
+        """The lines of all ways, whitened, and what their products are with what is known of their sizes."""
+        parts = {way: self.lines(way) for way in self.ways}
+        lines = sparse.csr_array(sparse.hstack(list(parts.values())))
+        white = sparse.csr_array(self.near @ lines)
+        products = (white.T @ white).toarray()
+        known = np.concatenate([np.full(parts[way].shape[1], known) for way, known in self.ways.items()])
+        open_ends = 1e-9 * products.diagonal().max(initial=1e-300)  # rows and columns share a constant
+        return lines, white, linalg.cho_factor(products + np.diag(known + open_ends))
 
-        The sum of its covariances along a line over the variance of what is looked for: as many points know it as well.
-        """
-        pitch = noise.dx_um if way[0] == 0 else noise.dy_um
-        along = pitch * np.arange(-len(self.values_um), len(self.values_um) + 1)
-        return replace(self, ways={**self.ways, way: float(noise.at(np.abs(along)).sum()) / size_um**2})
+    def also(self, way: Way, size_um: float, near: sparse.csr_array) -> Evened:
+        """Return values beside one more way of being uneven, of this standard deviation, told from the rest so."""
+        return replace(self, ways={**self.ways, way: 1 / size_um**2}, near=near)
 
-    def beside_all_of(self, ways: Iterable[Way]) -> Evened:
+    def beside_all_of(self, ways: Iterable[Way], near: sparse.csr_array) -> Evened:
         """Return values beside all that lines may have in these ways, likely or not: what is left is no offset."""
-        return replace(self, ways=dict.fromkeys(ways, 0.0))
+        return replace(self, ways=dict.fromkeys(ways, 0.0), near=near)
 
-    def _beside_others(self, way: Way) -> Evened:
-        return self.beside_all_of(known for known in self.ways if known != way)
+    def resized(self, near: sparse.csr_array) -> Evened:
+        """Return values beside the same ways, each as large as it seems beside all others from a better whitener."""
+        sizes = {way: self._beside_others(way, near).seen(near).lines(way).size for way in self.ways}
+        return replace(self, ways={way: 1 / size**2 for way, size in sizes.items()}, near=near)
+
+    def _beside_others(self, way: Way, near: sparse.csr_array) -> Evened:
+        return self.beside_all_of((known for known in self.ways if known != way), near)
 
     def lines(self, way: Way) -> sparse.csr_array:
         """Return an offset or a tilt of each row or column, made even, shape (points, lines)."""
@@ -253,13 +259,13 @@ class Evened:
 
     def line_noise(self, near: sparse.csr_array, axis: int) -> tuple[Lines, Unevenness]:
         """Estimate the offsets and tilts of rows or columns, and how sure they are, beside all other ways."""
-        offsets = self._beside_others((axis, OFFSET)).seen(near)
+        offsets = self._beside_others((axis, OFFSET), near).seen(near)
         independent = offsets.lines((axis, OFFSET))
         if not independent.found:
             return Lines(), independent
         process = likeliest(*offsets.products((axis, OFFSET)), independent.found, self.lean)
         if (axis, TILT) in self.ways:
-            tilts = self._beside_others((axis, TILT)).seen(near).lines((axis, TILT))
+            tilts = self._beside_others((axis, TILT), near).seen(near).lines((axis, TILT))
             process = replace(process, tilt_um=tilts.found)
         return process, independent
 
