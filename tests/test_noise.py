@@ -368,7 +368,7 @@ def test_forms_beside_noise_that_was_read_between_pixels_are_paid_for_once():
 
 
 def test_lines_are_taken_as_far_as_they_are_likely_to_be_offset():
-    """Of the mean of n points n/(n + σ²/τ²) where noise is white; of two ways, of any noise, what dense algebra says."""
+    """Of the mean of n points n/(n + σ²/τ²) where noise is white; of two ways what dense algebra says."""
     rng, used = np.random.default_rng(3), np.ones((6, 8), dtype=bool)
     members = {(axis, OFFSET): on_lines(used, axis) for axis in (0, 1)}
     values = rng.normal(size=(48, 2))
