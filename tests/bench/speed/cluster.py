@@ -38,7 +38,7 @@ def cluster(folder: Path, workers: int = 2) -> Iterator[tuple[str, list[subproce
     note.unlink(missing_ok=True)
     started = [dask("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(note))]
     try:
-        wait_for(note.exists)
+        wait_for(lambda: note.exists() and note.read_text().endswith("}"))  # it is there before it is written
         place = ("--scheduler-file", str(note), "--nthreads", "1", "--no-nanny", "--local-directory", str(folder / "w"))
         started += [dask("worker", *place) for _ in range(workers)]
         yield json.loads(note.read_text())["address"], started[1:]
