@@ -385,6 +385,16 @@ def test_lines_are_taken_as_far_as_they_are_likely_to_be_offset():
     np.testing.assert_allclose(both.beside_lines(values), values - taken, atol=1e-7)
 
 
+def test_lines_are_resized_beside_a_better_whitener():
+    """Offsets of 3 beside noise of 2: as a whitener tells them that knows it, whatever was taken before."""
+    rng, used, near = np.random.default_rng(8), np.ones((40, 30), dtype=bool), 0.5 * sparse.eye_array(1200).tocsr()
+    way, values = (0, OFFSET), (3 * rng.normal(size=(40, 1)) + 2 * rng.normal(size=(40, 30))).ravel()
+    even = Evened(values, np.ones((1200, 1)), {way: on_lines(used, 0)}, np.zeros(1200))
+    size = even.seen(near).lines(way).size
+    assert size == pytest.approx(3, rel=0.25)
+    assert even.also(way, 0.1, near).resized(near).ways == {way: pytest.approx(1 / size**2)}
+
+
 def test_offsets_of_rows_are_told_from_noise_that_is_wider_than_many_rows():
     """By plain means they were left, and the noise came out twice as strong and nearly twice as wide."""
     truth = Uneven(Noise(0.002, 0.028, 2.5, 0.34, 0.34, np.inf), rows=Lines(0.0045))
