@@ -144,8 +144,11 @@ class Fitter:
 
         What is far from its parent is no worse for that, then.
         """
-        jobs = {key_of(fit.free): (fit, limit) for fit, limit in zip(fits, limits, strict=True)}
-        near = {key: job for key, job in jobs.items() if key not in self.known and _may_reach(self._alone(), *job)}
+        jobs, objective = (
+            {key_of(fit.free): (fit, limit) for fit, limit in zip(fits, limits, strict=True)},
+            self._alone(),
+        )
+        near = {key: job for key, job in jobs.items() if key not in self.known and _may_reach(objective, *job)}
         for key, found in self._carried_out(_nearer, near).items():
             self.quick[key] = found.light
         return [self.known.get(key) or self.quick[key] for key in jobs]

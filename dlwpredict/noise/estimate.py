@@ -161,16 +161,18 @@ def _searched(
     grains_px: Sequence[float],
 ) -> tuple[Seen, Noise, np.ndarray, dict[float, float]]:
     """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds."""
-    model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
-    near = every.whitener(model)
+
+    def likeliest(even: Evened, like: Noise) -> tuple[sparse.csr_array, Noise, np.ndarray, dict[float, float]]:
+        model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
+        return every.whitener(model), model, place, by_kind
+
+    near, model, place, by_kind = likeliest(even, like)
     while (evened := _more_even(even, near)) is not even:
         even = evened
-        model, place, by_kind = most_likely(Likelihood.of(even, chosen, model), model, kinds, grains_px)
-        near = every.whitener(model)
+        near, model, place, by_kind = likeliest(even, model)
     if even.ways:  # what lines have had was in the whitener that first told them
         even = even.resized(near)
-        model, place, by_kind = most_likely(Likelihood.of(even, chosen, model), model, kinds, grains_px)
-        near = every.whitener(model)
+        near, model, place, by_kind = likeliest(even, model)
     return even.seen(near), model, place, by_kind
 
 
