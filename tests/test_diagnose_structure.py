@@ -26,7 +26,8 @@ from dlwpredict.infer.recording import prepare
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.unevenness import Uneven, Unevenness
+from dlwpredict.noise.evened import Unevenness
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.parameters import ParameterSet
 
 GRID = HeightMap(np.ones((60, 70)), 0.4, 0.3)

@@ -20,7 +20,8 @@ from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import Whitened
 from dlwpredict.noise.covariance import Noise
 from dlwpredict.noise.estimate import NoiseEstimate
-from dlwpredict.noise.unevenness import Uneven, Unevenness
+from dlwpredict.noise.evened import Unevenness
+from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.numerics.smoothing import means_over
 from dlwpredict.parameters import Paper, ParameterSet, Readings
 from dlwpredict.process import predict

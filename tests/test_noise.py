@@ -12,9 +12,10 @@ from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.recording import prepare
 from dlwpredict.noise.covariance import PURE, SMOOTHNESSES, Noise, matern
 from dlwpredict.noise.estimate import estimate
+from dlwpredict.noise.evened import Evened, Unevenness
 from dlwpredict.noise.likelihood import model_at
 from dlwpredict.noise.lines import OFFSET, Lines, _gain, on_lines
-from dlwpredict.noise.unevenness import Evened, Ground, Uneven, Unevenness, grown
+from dlwpredict.noise.unevenness import Ground, Uneven, grown
 from dlwpredict.noise.whitening import Neighbourhood, Whitener
 from dlwpredict.numerics.interpolation import read_means
 

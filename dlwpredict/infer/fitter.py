@@ -144,10 +144,8 @@ class Fitter:
 
         What is far from its parent is no worse for that, then.
         """
-        jobs, objective = (
-            {key_of(fit.free): (fit, limit) for fit, limit in zip(fits, limits, strict=True)},
-            self._alone(),
-        )
+        objective = self._alone()
+        jobs = {key_of(fit.free): (fit, limit) for fit, limit in zip(fits, limits, strict=True)}
         near = {key: job for key, job in jobs.items() if key not in self.known and _may_reach(objective, *job)}
         for key, found in self._carried_out(_nearer, near).items():
             self.quick[key] = found.light

@@ -16,11 +16,12 @@ import numpy as np
 from scipy import ndimage, sparse
 
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.evened import Evened, Seen, Unevenness
 from dlwpredict.noise.kinds import GRAINS_PX, SMOOTHNESSES, most_likely
 from dlwpredict.noise.likelihood import Likelihood, model_at
 from dlwpredict.noise.lines import OFFSET, TILT, Lines, on_lines
 from dlwpredict.noise.replicas import repeated
-from dlwpredict.noise.unevenness import Evened, Ground, Seen, Uneven, Unevenness
+from dlwpredict.noise.unevenness import Ground, Uneven
 from dlwpredict.noise.whitening import Neighbourhood
 
 DISCREPANCY_UM = 0.0015

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse, special
 
 from dlwpredict.noise.covariance import Noise
-from dlwpredict.noise.unevenness import Evened, orthonormal
+from dlwpredict.noise.evened import Evened, orthonormal
 from dlwpredict.noise.whitening import Neighbourhood
 
 SHARES_WITHIN = (-5.0, 7.0)

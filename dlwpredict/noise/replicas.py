@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dlwpredict.noise.covariance import Noise
+from dlwpredict.noise.evened import Evened
 from dlwpredict.noise.kinds import NINE, PARABOLA, STEPS, lowest_of
 from dlwpredict.noise.likelihood import Likelihood, model_at
-from dlwpredict.noise.unevenness import Evened
 
 RECENTRED = 4
 """Times at most that the estimate starts again from where it has led."""
