@@ -84,7 +84,7 @@ class TestRipple:
         assert found.p_value < 1e-6
         assert found.period_um == pytest.approx(4.0, abs=0.4)
         assert found.angle_deg == pytest.approx(30, abs=6)
-        assert found.excess == pytest.approx(0.3**2 / 4 * 4200, rel=0.35)
+        assert found.excess == pytest.approx(0.3**2 / 2 * 4200, rel=0.35)  # what the wave has in squares
 
     @pytest.mark.parametrize(
         ("fast_deg", "said"), [(None, True), (0.0, False), (90.0, True), (1.0, False), (30.0, True)]

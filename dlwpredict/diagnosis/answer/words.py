@@ -8,8 +8,10 @@ from typing import Any
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.judge import Diagnosis
+from dlwpredict.diagnosis.structure.columns import Columns
 from dlwpredict.diagnosis.structure.registrations import PARAMETERS, Registration, chance_of, registrations
-from dlwpredict.diagnosis.structure.test import SINGLE, Pattern
+from dlwpredict.diagnosis.structure.ripple import Ripple
+from dlwpredict.diagnosis.structure.test import SINGLE, Model, Pattern
 from dlwpredict.effects import library
 from dlwpredict.infer.recording import Recording
 from dlwpredict.parameters import declarations
@@ -131,14 +133,19 @@ def surely(item: Named) -> str:
 
 
 def kind_of_remainder(diagnosis: Diagnosis) -> str:
-    """Return what is left: none, smooth, ripple, spot or columns."""
+    """Return what is left, by whatever of it holds most: none, smooth, ripple, spot or columns."""
     if not diagnosis.extended.unexplained:
         return "none"
-    patterns: Sequence[Pattern] = diagnosis.extended.patterns
-    strangest = min(patterns, key=lambda pattern: (pattern.p_value, -pattern.excess))
-    if strangest.p_value >= SINGLE:
-        return "smooth"
-    return dict(zip(patterns, ("ripple", "spot", "columns"), strict=True))[strangest]
+    forms, strange = diagnosis.extended.forms, _strange(diagnosis.extended)
+    if strange and not (forms.p_value < SINGLE and forms.excess > strange[0].excess):
+        return strange[0].kind
+    return "smooth"
+
+
+def _strange(model: Model) -> list[Pattern]:
+    """Return the patterns that are more than noise, that which holds most first."""
+    strange = [pattern for pattern in model.patterns if pattern.p_value < SINGLE]
+    return sorted(strange, key=lambda pattern: pattern.excess, reverse=True)
 
 
 def remainder(diagnosis: Diagnosis) -> str:
@@ -160,26 +167,33 @@ def _doubt(diagnosis: Diagnosis) -> str:
 
 
 def _left(diagnosis: Diagnosis) -> str:
+    """Return everything that is left, what holds most first."""
     kind = kind_of_remainder(diagnosis)
     if kind == "none":
         return "What is left looks like noise."
-    wave, lone, columns = diagnosis.extended.patterns
-    if kind == "ripple":
-        name = diagnosis.recordings[wave.pair].name
+    patterns = [_pattern(diagnosis, pattern) for pattern in _strange(diagnosis.extended)]
+    return " ".join([_smooth(diagnosis), *patterns] if kind == "smooth" else patterns)
+
+
+def _pattern(diagnosis: Diagnosis, pattern: Pattern) -> str:
+    name = diagnosis.recordings[pattern.pair].name
+    if isinstance(pattern, Ripple):
         return (
-            f"A ripple of period {wave.period_um:.1f} µm runs at {round(wave.angle_deg)}° to x in {name}; "
+            f"A ripple of period {pattern.period_um:.1f} µm runs at {round(pattern.angle_deg)}° to x in {name}; "
             "no named effect makes one."
         )
-    if kind == "spot":
+    if isinstance(pattern, Columns):
         return (
-            f"A spot about {lone.fwhm_um:.1f} µm wide sits at x = {lone.x_um:.1f}, y = {lone.y_um:.1f} µm in "
-            f"{diagnosis.recordings[lone.pair].name}: look there; no named effect makes one."
+            f"Lines along y differ by {1e3 * pattern.size_um:.1f} nm from one another in {name}: "
+            "of the print, or of a scan along y: repeats tell."
         )
-    if kind == "columns":
-        return (
-            f"Lines along y differ by {1e3 * columns.size_um:.1f} nm from one another in "
-            f"{diagnosis.recordings[columns.pair].name}: of the print, or of a scan along y: repeats tell."
-        )
+    return (
+        f"A spot about {pattern.fwhm_um:.1f} µm wide sits at x = {pattern.x_um:.1f}, y = {pattern.y_um:.1f} µm in "
+        f"{name}: look there; no named effect makes one."
+    )
+
+
+def _smooth(diagnosis: Diagnosis) -> str:
     share = f"The named effects explain {diagnosis.explained:.0%} of the structure; " if diagnosis.named else ""
     return f"{share}{1e3 * diagnosis.extended.structure_um:.1f} nm of structure have no name."
 

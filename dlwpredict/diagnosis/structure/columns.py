@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,6 +30,8 @@ class Columns:
     p_value : float
         Probability that noise alone has as strong ones in any recording.
     """
+
+    kind: ClassVar[str] = "columns"
 
     pair: int
     size_um: float

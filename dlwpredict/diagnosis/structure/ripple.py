@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import fft
@@ -24,10 +25,12 @@ class Ripple:
     angle_deg : float
         Direction in which the waves follow each other, counter-clockwise from x, −90 to 90.
     excess : float
-        Energy in units of the noise, above its average.
+        Energy in units of the noise, of its sine and cosine, above its average of 2.
     p_value : float
         Probability that noise alone has as strong a wave anywhere.
     """
+
+    kind: ClassVar[str] = "ripple"
 
     pair: int
     period_um: float
@@ -68,7 +71,7 @@ def ripple(fitted: Fit, draws: np.ndarray) -> Ripple:
         fy, fx = fy[row], fx[col]
         p_value = p_of_largest(power[row, col], largest, of=len(fitted.data))
         angle = float(np.degrees(np.arctan2(fy, fx))) if fx > 0 else 90.0
-        ripples.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(power[row, col] - 1), p_value))
+        ripples.append(Ripple(k, float(1 / np.hypot(fx, fy)), angle, float(2 * power[row, col] - 2), p_value))
     return min(ripples, key=lambda wave: wave.p_value)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage, special
@@ -40,6 +41,8 @@ class Spot:
     p_value : float
         Probability that noise alone has one as strong anywhere.
     """
+
+    kind: ClassVar[str] = "spot"
 
     pair: int
     x_um: float
