@@ -41,7 +41,7 @@ demo: $(DEMO_RESULTS) ## The whole loop on sample_data/: align, calibrate, diagn
 test: $(VENV)/.installed ## Run the tests, on all cores
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m "not long"
 
-test-long: $(VENV)/.installed ## Run the others: ten seconds and more each, but for the mission
+test-long: $(VENV)/.installed ## Run the others: five seconds and more each
 	$(BIN)/python -m pytest -p tests.skipped -p tests.longest_first -n auto --dist loadfile -m long
 
 test-fast: $(VENV)/.installed ## Run those tests that take no longer than about a second

@@ -35,6 +35,7 @@ def run(folder: Path, *options: str):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("stated", "pitch", "narrower"),
     [(1.0, False, False), (0.98, False, True), (0.999, False, False), (1.1, True, False)],

@@ -123,6 +123,7 @@ def test_an_axis_that_does_not_move_evenly_is_noticed(cubic_um):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_virtual_microscope_moves_unevenly_too():
     """By a wave over its field, 0.15 µm of it: a cubic and a scale leave less than 0.04 µm of the way."""
     air = designs.air(size_um=40.0, pitch_um=0.25, margin_um=5.0, base_um=2.0, correlation_um=2.0, seed=4)
@@ -147,6 +148,7 @@ def test_what_moves_alike_along_both_axes_may_be_the_print():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("threshold", [0.2, 0.45])
 def test_a_lens_that_is_printed_wider_is_no_scale_of_the_microscope(threshold):
     """Walls that the focus has moved pass for a scale, p = 1e-15 and a pixel at the rim; on a relief they do not."""
@@ -225,6 +227,7 @@ def test_round_part_keeps_rotation_zero_with_an_open_uncertainty():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_smooth_round_part_needs_to_be_known():
     """A lens of 500 µm radius in a view of a sphere that shows no edge: any hump would do as well."""
     target = designs.lens(size_um=60.0, margin_um=0.0, pitch_um=0.6, radius_um=500.0)

@@ -60,6 +60,7 @@ def test_a_full_disk_or_a_closed_folder_is_one_line(source, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_batch_goes_on_as_if_nothing_had_happened(tmp_path):
     assert resumed(tmp_path, kills=1, seed=0)["killed"] == 1
 

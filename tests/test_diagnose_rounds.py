@@ -18,6 +18,7 @@ FEW = {"instrument-blur", "slope-error", "vignetting"}
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_one_more_switch_of_an_effect_leaves_the_noise_as_it_is(monkeypatch):
     """Heights lost on slopes along x and, a third as much, along y: two switches of one effect."""
     noises, estimated = run.noises, []

@@ -67,6 +67,7 @@ def test_a_project_that_fails_by_itself_is_refused(project):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_tests_that_do_not_end_have_caught_their_mutant(project):
     copy = Copy(project, timeout_s=5.0)
     assert copy.judge(mutant("return 2 * x", "while True: pass")).by == "no end"

@@ -290,6 +290,7 @@ def test_noise_beside_model_error_is_recovered(holes):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_spikes_have_no_say_in_the_noise(holes):
     rng = np.random.default_rng(3)
     values, level = NOISE.simulate(holes.shape, rng), np.ones((1, *holes.shape))
@@ -464,6 +465,7 @@ def test_a_point_is_given_all_its_measured_neighbours_and_no_others(share):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_many_forms_beside_the_noise_are_paid_for():
     """120 waves take a sixth of what is correlated; not counted, it would come out weaker and shorter."""
     truth, rng = Noise(0.004, 0.015, 1.5, 0.4, 0.4), np.random.default_rng(10)

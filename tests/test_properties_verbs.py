@@ -35,6 +35,7 @@ def air(size_um=20.0, seed=1) -> HeightMap:
 
 class TestCalibrate:
     @pytest.mark.slow
+    @pytest.mark.long
     @few
     @given(
         start=processes(),
@@ -59,6 +60,7 @@ class TestCalibrate:
         assert found.parameters.paper.shrinkage_min <= found.parameters.paper.shrinkage_max
 
     @pytest.mark.slow
+    @pytest.mark.long
     @few
     @given(start=processes(), truth=processes(), seed=SEEDS)
     def test_neither_does_the_simplex(self, start, truth, seed):

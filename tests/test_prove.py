@@ -254,6 +254,7 @@ def test_a_plane_is_taken_by_levelling_and_a_parameter_by_calibration(bare):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_strength_is_the_wanted_multiple_of_the_limit(bare):
     found = strength(bare.drawn.hidden[0], 2.0, bare)
     assert found["times"] == pytest.approx(2.0, rel=CLOSE) and found["z"] == pytest.approx(2 * LIMIT_Z, rel=CLOSE)

@@ -546,6 +546,7 @@ DRAWN = "new Promise((done) => setTimeout(() => requestAnimationFrame(() => requ
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, tmp_path):
     text_of(run)
@@ -581,6 +582,7 @@ def test_a_browser_shows_the_report_without_a_complaint_and_the_view_turns(run, 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_from_above_the_surface_looks_like_the_map(tmp_path):
     """Row 0 on top and x to the right at 0°, turned counter-clockwise; an F tells mirror images apart."""

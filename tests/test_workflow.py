@@ -90,6 +90,7 @@ def made(lab):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_two_jobs_make_everything(made):
     results = made / "results"
     for name in ("air", "air--second", "cin"):
@@ -113,12 +114,14 @@ def test_two_jobs_make_everything(made):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_done_twice(made):
     assert make(made, "-q").returncode == 0
     assert steps(made) == set()
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_depends_on_a_file_is_redone_and_nothing_else(made):
     with touched(made / "targets" / "new.tif"):
         assert steps(made) - REPORT == {
@@ -139,6 +142,7 @@ def test_what_depends_on_a_file_is_redone_and_nothing_else(made):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_recording_that_is_held_out_teaches_nothing(made):
     os.utime(made / "recordings" / "cin.txt")
     assert steps(made) - REPORT == {
@@ -202,6 +206,7 @@ def test_the_projects_own_makefile_leaves_it_out():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_setting_that_changed_redoes_its_step_and_what_follows(made):
     assert steps(made) == set()
     everything = {"results/new/target.tif", "results/air/target.tif", "results/cin/target.tif"}
