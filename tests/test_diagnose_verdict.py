@@ -18,13 +18,17 @@ class Told(Diagnosis):
         return fitted.unseen_um
 
 
-def told(names, before_um=0.025, after_um=0.016, *, holdout=("one",), unexplained=False, left=0.0):
-    """Return a diagnosis that explains its own data: from 20 to 15 nm."""
+def told(
+    names, before_um=0.025, after_um=0.016, *, holdout=("one",), unexplained=False, found=10.0, left=0.0, gained=5.0
+):
+    """Return a diagnosis that explains its own data: from 20 to 15 nm; forms find 10 beside the baseline."""
     models = [
         SimpleNamespace(
-            fit=SimpleNamespace(unseen_um=unseen, rmse_um=lambda own=own: own), unexplained=unexplained, left=rest
+            fit=SimpleNamespace(unseen_um=unseen, rmse_um=lambda own=own: own, cost=cost),
+            unexplained=unexplained,
+            left=rest,
         )
-        for unseen, own, rest in ((before_um, 0.020, 10.0), (after_um, 0.015, left))
+        for unseen, own, rest, cost in ((before_um, 0.020, found, 100.0), (after_um, 0.015, left, 100.0 - gained))
     ]
     named = [SimpleNamespace(names=names, effect=library()[names[0]]())] if names else []
     nothing = [None] * 5
@@ -58,6 +62,20 @@ def test_what_predicts_better_may_still_leave_most_without_a_name():
     found = told(ONE, 0.025, 0.016, unexplained=True, left=4.0)
     assert found.verdict == "unexplained"
     assert "explain 60% of it" in sentence(found)
+
+
+@pytest.mark.parametrize(
+    ("found", "left", "gained", "share"),
+    [
+        (10.0, 4.0, 5.0, 0.6),  # forms find more than a name has gained
+        (4.0, 4.0, 36.0, 0.9),  # no form follows what the name explains
+        (0.0, 4.0, 36.0, 0.9),
+        (0.0, 0.0, 0.0, 1.0),
+        (4.0, 10.0, 2.0, 1 / 6),
+    ],
+)
+def test_what_a_name_gains_was_there_to_be_explained(found, left, gained, share):
+    assert told(ONE, found=found, left=left, gained=gained).explained == pytest.approx(share)
 
 
 def test_nothing_named_is_no_matter_of_other_data():

@@ -13,6 +13,7 @@ from dlwpredict.effects.plane import (
     pixel_of,
     resampled,
     slopes,
+    standing,
     where_written,
 )
 from dlwpredict.heightmap import HeightMap
@@ -65,6 +66,22 @@ def test_distance_to_the_edge_starts_at_the_edge_of_the_outermost_pixel():
     assert distance[2, 1] == pytest.approx(0.5 - 0.125)
     assert distance[2, 2] == pytest.approx(0.75 - 0.125)
     assert distance[7, 7] == 0
+
+
+def test_a_footprint_ends_where_a_wall_leaves_less_than_half_of_a_column():
+    low, high = (part() * 4.0 for _ in range(2))
+    low[:, 4], high[:, 4] = 1.9 * part()[:, 4], 2.1 * part()[:, 4]
+    assert not standing(GRID.with_heights(low))[:, 4].any() and standing(GRID.with_heights(low))[:6, 1:4].all()
+    np.testing.assert_array_equal(standing(GRID.with_heights(high)), part())
+
+
+@pytest.mark.parametrize("base_um", [0.1, 1.9, 2.1])
+def test_a_low_base_round_a_tower_is_no_edge(base_um):
+    """Else the footprint would change all at once where shrinkage brings the base below half of the tower."""
+    base = np.pad(np.ones((7, 8)), 1)
+    heights = base_um * base
+    heights[3:6, 3:6] = 4.0
+    np.testing.assert_array_equal(standing(HeightMap(heights, 0.5, 0.25)), base > 0)
 
 
 def test_a_gaussian_has_its_width_along_both_axes():

@@ -340,6 +340,17 @@ def test_drying_curl_and_lateral_shrinkage_follow_their_laws(part):
     )
 
 
+def test_a_tower_on_a_low_base_dries_by_its_distance_from_the_outline():
+    tower = mesa(height=2.0, rows=64)
+    tower[28:36, 28:36] = 9.0
+    drying = difference(tower, name="edge-drying", depth_um=0.2, length_um=2)
+    row, (first, *_, last) = 32, np.flatnonzero(print_part(tower, PITCH, PITCH, PRESS)[32])
+    inside = slice(first + 2, last - 1)
+    centres = np.arange(tower.shape[1])[inside]
+    distance = np.minimum(centres - first + 0.5, last - centres + 0.5) * PITCH
+    np.testing.assert_allclose(drying[row, inside], -0.2 * np.exp(-distance / 2), atol=1e-6)
+
+
 def test_elastic_strip_follows_the_shear_lag_law():
     grid = plane_grid((240, 101), 0.2, 0.2)
     strip = np.zeros((240, 101), bool)

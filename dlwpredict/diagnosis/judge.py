@@ -131,8 +131,13 @@ class Diagnosis:
 
     @property
     def explained(self) -> float:
-        """Share of what free forms, a ripple, a spot and columns explain that the named effects explain, 0 to 1."""
-        whole = self.baseline.left
+        """Share of what there is to explain that the named effects explain, 0 to 1.
+
+        That is what free forms, a ripple, a spot and columns find beside the baseline, and no less than what the names
+        have gained and these still find beside them: no free form follows a seam, or a rim at the ends of lines.
+        """
+        gained = self.baseline.fit.cost - self.extended.fit.cost
+        whole = max(self.baseline.left, gained + self.extended.left)
         return float(np.clip(1 - self.extended.left / whole, 0, 1)) if whole > 0 else 1.0
 
     @property

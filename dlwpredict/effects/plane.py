@@ -95,12 +95,16 @@ def nearest(plane: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def standing(surface: HeightMap) -> np.ndarray:
-    """Return the footprint of a printed part: columns that are at least half full, as their neighbours show.
+    """Return the footprint of a part: wherever it has height, but for columns of its outline less than half full.
 
-    A wall that runs through a pixel leaves a lower column there.
+    A wall that runs through a pixel leaves a lower column there, beside empty ground. What is low inside the outline, a
+    base round a tower, is no edge of the part, however low.
     """
     heights = surface.heights_um
-    return (heights > 0) & (heights >= ndimage.maximum_filter(heights, 3, mode="nearest") / 2)
+    full = heights >= ndimage.maximum_filter(heights, 3, mode="nearest") / 2
+    inside = ndimage.minimum_filter(heights, 3, mode="nearest") > 0
+    footprint: np.ndarray = (heights > 0) & (full | inside)
+    return footprint
 
 
 def edge_distance_um(footprint: np.ndarray, grid: HeightMap) -> np.ndarray:

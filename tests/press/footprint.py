@@ -1,12 +1,14 @@
 """The footprint of a part: its edge distance, centre and size."""
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, grey_dilation
+from scipy.ndimage import binary_dilation, distance_transform_edt, grey_dilation
 
 
 def stands(heights):
-    """Return where a part stands: pixels that a wall leaves at least half full, beside the highest around."""
-    return (heights > 0) & (2 * heights >= grey_dilation(heights, size=(3, 3)))
+    """Return where a part stands; a pixel at its outline that its wall leaves less than half full does not count."""
+    ground = heights <= 0
+    outline = binary_dilation(ground, structure=np.ones((3, 3))) & ~ground
+    return ~ground & ~(outline & (2 * heights < grey_dilation(heights, size=(3, 3))))
 
 
 def edge_distance(standing, grid):
