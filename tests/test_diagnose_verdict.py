@@ -61,7 +61,7 @@ def test_what_was_left_out_in_turn_is_no_verdict(names, verdict):
 def test_what_predicts_better_may_still_leave_most_without_a_name():
     found = told(ONE, 0.025, 0.016, unexplained=True, left=4.0)
     assert found.verdict == "unexplained"
-    assert "explain 60% of it" in sentence(found)
+    assert "explains 60% of it" in sentence(found)
 
 
 @pytest.mark.parametrize(

@@ -81,9 +81,10 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained":
         named = ", ".join(" or ".join(item.names) for item in diagnosis.named)
+        explains = "explains" if len(diagnosis.named) == 1 else "explain"
         if named and diagnosis.predicts_better:
             return (
-                f"Part of the mismatch has no name: {named} explain {diagnosis.explained:.0%} of it "
+                f"Part of the mismatch has no name: {named} {explains} {diagnosis.explained:.0%} of it "
                 f"(error {before:.1f} to {after:.1f} nm), so even these are not certain."
             )
         if named:
@@ -194,7 +195,7 @@ def _pattern(diagnosis: Diagnosis, pattern: Pattern) -> str:
 
 
 def _smooth(diagnosis: Diagnosis) -> str:
-    share = f"The named effects explain {diagnosis.explained:.0%} of the structure; " if diagnosis.named else ""
+    share = f"What is named explains {diagnosis.explained:.0%} of the structure; " if diagnosis.named else ""
     return f"{share}{1e3 * diagnosis.extended.structure_um:.1f} nm of structure have no name."
 
 
