@@ -182,6 +182,7 @@ def test_spikes_holes_and_relative_heights_are_no_physics(folder, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_held_out_recordings_and_repeats_are_used(folder, tmp_path):
     found = called(
         folder, "--pair", "t0.tif", "dried0.tif", "--repeat", "dried0.tif", "dried0_again.tif",

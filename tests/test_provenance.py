@@ -17,7 +17,7 @@ from dlwpredict.heightmap import HeightMap
 from tests.crash.checks import snapshot
 from tests.crash.commands import COMMANDS, OTHERS, WRITE_NOTHING, commands, inputs
 
-HEAVY = pytest.param("diagnose", marks=pytest.mark.slow)
+HEAVY = pytest.param("diagnose", marks=[pytest.mark.slow, pytest.mark.long])
 
 
 @pytest.fixture(scope="module")
