@@ -11,6 +11,7 @@ from dlwpredict.api.diagnose import Answer
 from dlwpredict.cli.app import app
 from dlwpredict.diagnosis.answer.words import kind_of_remainder, remainder
 from dlwpredict.diagnosis.structure.columns import Columns
+from dlwpredict.diagnosis.structure.forms import Energy
 from dlwpredict.diagnosis.structure.ripple import Ripple
 from dlwpredict.diagnosis.structure.spots import Spot
 from dlwpredict.effects import library
@@ -241,6 +242,7 @@ def test_what_the_diagnosis_left_open_goes_with_the_parameters():
     assert cautions(verdict="none", remainder={"significant": False, "rms_um": None}) == []
 
 
+NAMELESS = "9.0 nm of structure have no name"
 LARGE, TINY = (1e-6, 1000.0), (1e-6, 5.0)
 """p-value and energy of free forms that hold more, or less, than any pattern of the test below."""
 
@@ -248,12 +250,19 @@ LARGE, TINY = (1e-6, 1000.0), (1e-6, 5.0)
 @pytest.mark.parametrize(
     ("wave", "spot", "lines", "smooth", "kind", "said"),
     [
-        (0.5, 1e-99, 0.5, TINY, "spot", ["A spot about 2.0 µm wide sits at x = 3.6, y = -3.2 µm in dust.tif"]),
-        (1e-15, 0.5, 0.5, TINY, "ripple", ["A ripple of period 4.6 µm runs at 18° to x in waves.tif"]),
-        (0.5, 0.5, 1e-4, TINY, "columns", ["Lines along y differ by 7.0 nm from one another in lines.tif"]),
-        (0.0, 1e-3, 0.5, TINY, "spot", ["A spot about", "A ripple of period"]),
-        (0.5, 0.5, 0.5, TINY, "smooth", ["9.0 nm of structure have no name"]),
-        (0.5, 0.5, 1e-99, LARGE, "smooth", ["9.0 nm of structure have no name", "Lines along y differ"]),
+        (
+            0.5,
+            1e-99,
+            0.5,
+            TINY,
+            "spot",
+            ["A spot about 2.0 µm wide sits at x = 3.6, y = -3.2 µm in dust", NAMELESS],
+        ),
+        (1e-15, 0.5, 0.5, TINY, "ripple", ["A ripple of period 4.6 µm runs at 18° to x in waves.tif", NAMELESS]),
+        (0.5, 0.5, 1e-4, TINY, "columns", ["Lines along y differ by 7.0 nm from one another in lines.tif", NAMELESS]),
+        (0.0, 1e-3, 0.5, TINY, "spot", ["A spot about", "A ripple of period", NAMELESS]),
+        (0.5, 0.5, 0.5, TINY, "smooth", [NAMELESS]),
+        (0.5, 0.5, 1e-99, LARGE, "smooth", [NAMELESS, "Lines along y differ"]),
         (0.5, 1e-3, 1e-99, (0.5, 1000.0), "spot", ["A spot about", "Lines along y differ"]),
     ],
 )
@@ -264,12 +273,13 @@ def test_what_holds_most_describes_what_is_left(wave, spot, lines, smooth, kind,
         Spot(pair=1, x_um=3.6, y_um=-3.2, fwhm_um=2, excess=400, p_value=spot),
         Columns(pair=2, size_um=0.007, excess=20, p_value=lines),
     )
-    forms = SimpleNamespace(p_value=smooth[0], excess=smooth[1])
+    forms = Energy(excess=smooth[1], p_value=smooth[0])
     model = SimpleNamespace(unexplained=True, patterns=patterns, forms=forms, structure_um=0.009)
     recordings = [SimpleNamespace(name=name) for name in ("waves.tif", "dust.tif", "lines.tif")]
     found = SimpleNamespace(extended=model, recordings=recordings, named=(), blemishes=(), doubted=())
     places = [remainder(found).index(part) for part in said]
     assert places == sorted(places) and places[0] == 0
+    assert (NAMELESS in remainder(found)) == (NAMELESS in said)
     found.blemishes = (SimpleNamespace(pair=1, x_um=1.25, y_um=-2.0),)
     assert remainder(found).endswith("Left out of the fits as blemishes: x = 1.2, y = -2.0 µm in dust.tif.")
     assert kind_of_remainder(found) == kind

@@ -9,6 +9,7 @@ from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import Named, strengths
 from dlwpredict.diagnosis.judge import Diagnosis
 from dlwpredict.diagnosis.structure.columns import Columns
+from dlwpredict.diagnosis.structure.forms import Energy
 from dlwpredict.diagnosis.structure.registrations import PARAMETERS, Registration, chance_of, registrations
 from dlwpredict.diagnosis.structure.ripple import Ripple
 from dlwpredict.diagnosis.structure.test import SINGLE, Model, Pattern
@@ -137,16 +138,14 @@ def kind_of_remainder(diagnosis: Diagnosis) -> str:
     """Return what is left, by whatever of it holds most: none, smooth, ripple, spot or columns."""
     if not diagnosis.extended.unexplained:
         return "none"
-    forms, strange = diagnosis.extended.forms, _strange(diagnosis.extended)
-    if strange and not (forms.p_value < SINGLE and forms.excess > strange[0].excess):
-        return strange[0].kind
-    return "smooth"
+    most = _strange(diagnosis.extended)[0]
+    return "smooth" if isinstance(most, Energy) else most.kind
 
 
-def _strange(model: Model) -> list[Pattern]:
-    """Return the patterns that are more than noise, that which holds most first."""
-    strange = [pattern for pattern in model.patterns if pattern.p_value < SINGLE]
-    return sorted(strange, key=lambda pattern: pattern.excess, reverse=True)
+def _strange(model: Model) -> list[Energy | Pattern]:
+    """Return what is more than noise of what a model leaves, that which holds most first."""
+    strange = [one for one in (model.forms, *model.patterns) if one.p_value < SINGLE]
+    return sorted(strange, key=lambda one: one.excess, reverse=True)
 
 
 def remainder(diagnosis: Diagnosis) -> str:
@@ -169,11 +168,13 @@ def _doubt(diagnosis: Diagnosis) -> str:
 
 def _left(diagnosis: Diagnosis) -> str:
     """Return everything that is left, what holds most first."""
-    kind = kind_of_remainder(diagnosis)
-    if kind == "none":
+    if not diagnosis.extended.unexplained:
         return "What is left looks like noise."
-    patterns = [_pattern(diagnosis, pattern) for pattern in _strange(diagnosis.extended)]
-    return " ".join([_smooth(diagnosis), *patterns] if kind == "smooth" else patterns)
+    return " ".join(_described(diagnosis, one) for one in _strange(diagnosis.extended))
+
+
+def _described(diagnosis: Diagnosis, one: Energy | Pattern) -> str:
+    return _smooth(diagnosis) if isinstance(one, Energy) else _pattern(diagnosis, one)
 
 
 def _pattern(diagnosis: Diagnosis, pattern: Pattern) -> str:
