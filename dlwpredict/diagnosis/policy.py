@@ -37,9 +37,10 @@ HALF = 0.5
 """An effect that explains less than this share of what the best explains, to first order, is not refitted first. And a
 spot of which wider bumps explain less is no wider than a pixel: a spike, or what is left of a corner."""
 
-ROUNDS = 6
+ROUNDS = MOST_EFFECTS + 1
 """Linearise, enumerate, refit, estimate the noise beside the best set: at most so often; one effect takes two rounds,
-each further one another."""
+each further one another. Most recordings take one to three. Where the set still changes then, as on the eight real
+prints, it changes between look-alikes, and these the classes hold."""
 
 BLEMISHES, LOCAL = 5, 0.1
 """Spots that are left out at most, all recordings together: what has more of them has structure. And the share of a
