@@ -39,7 +39,7 @@ spot of which wider bumps explain less is no wider than a pixel: a spike, or wha
 
 ROUNDS = MOST_EFFECTS + 1
 """Linearise, enumerate, refit, estimate the noise beside the best set: at most so often; one effect takes two rounds,
-each further one another. Most recordings take one to three. Where the set still changes then, as on the eight real
+each further one another. Most recordings take one to three. Where the set still changes then, as it did on eight real
 prints, it changes between look-alikes, and these the classes hold."""
 
 BLEMISHES, LOCAL = 5, 0.1
