@@ -38,11 +38,11 @@ MISSED = {
 
 
 LONG = "galvo-lag", "edge-drying"
-"""Effects that `make test-long` asks for: eight of both sides are left, on which one waits."""
+"""Effects that `make test-long` asks for; `make test` asks for the other eight, of both sides."""
 
 
 def but_for(missed):
-    """Return all names; what is known to be missed must be so, or the mark goes."""
+    """Return all names, the long ones marked; what is known to be missed must be so, or the mark goes."""
     marks = {name: [pytest.mark.long] if name in LONG else [] for name in NAMED}
     for name, why in missed.items():
         marks[name].append(pytest.mark.xfail(strict=True, reason=why))
