@@ -1,15 +1,18 @@
 """Halves of the recordings, diagnosed apart: how they are drawn, what they agree on, what is said of it."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from dlwpredict import designs
+from dlwpredict.api.diagnose import Answer, in_halves
 from dlwpredict.cli import app
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer.halves import halves, share_of, with_halves
+from dlwpredict.diagnosis.run import Course
 from dlwpredict.effects import library
 from dlwpredict.files import write_height_map
 from dlwpredict.files.yaml_text import read_yaml
@@ -67,6 +70,14 @@ def test_nothing_is_identified_that_halves_do_not_agree_on(named, verdict, settl
 def test_what_found_nothing_stays_as_it_is():
     said = content(verdict="none")
     assert with_halves(said, [[], []]) == said | {"findings": []}
+
+
+def test_halves_say_how_far_they_are(monkeypatch):
+    told, pair = [], SimpleNamespace(recording=None, repeats=())
+    monkeypatch.setattr("dlwpredict.api.diagnose.named_by", lambda *_: [CURL])
+    answer = in_halves(Answer(content(finding("curl")), None, [pair] * 4), None, course=Course(told.append))
+    assert answer.content["findings"][0]["halves"]["settled"]
+    assert [stage.share for stage in told] == pytest.approx(np.arange(2 * policy.SPLITS) / (2 * policy.SPLITS))
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,13 @@
 """Structure without a name: what is found, where, and how surely; noise alone has the levels that are claimed."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import ndimage
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import spsolve_triangular
 
 from dlwpredict import designs
 from dlwpredict.diagnosis import policy
@@ -283,8 +285,20 @@ class TestForms:
         fit = fitted(noise + 2 * wave, item)
         noisy, draws = np.random.default_rng(1).standard_normal((4200, 200)), null.beside(fit)
         with_it = Beside.of(fit, [np.column_stack([noisy[:, :8], wave])], draws)
-        assert with_it.structure_um() == pytest.approx(0.0141, rel=0.03)
-        assert Beside.of(fitted(noise, item), [noisy], draws).structure_um() < 0.0015  # noise not taken off: 2.2 nm
+        assert with_it.structure_um(draws) == pytest.approx(0.0141, rel=0.03)
+        assert Beside.of(fitted(noise, item), [noisy], draws).structure_um(draws) < 0.0015  # with noise 2.2 nm
+
+    def test_short_structure_is_not_carried_on_to_long_one(self):
+        """In noise that is smooth along the points only the short part of a form weighs, and is all that is there."""
+        whiten = sparse.csr_array(sparse.eye(4200) - 0.99 * sparse.eye(4200, k=-1)) / SIGMA_UM
+        solve = partial(spsolve_triangular, whiten, lower=True)
+        item = SimpleNamespace(recording=white_item().recording, whitener=SimpleNamespace(solve=solve))
+        points = np.arange(4200)
+        long_um, short_um = 0.05 * np.sin(points / 600), 0.01 * np.cos(points)
+        form, rest = ((whiten @ heights) for heights in (long_um + short_um, short_um))
+        fit = fitted(rest, item, jacobian=np.zeros((4200, 1)))
+        beside = Beside.of(fit, [form[:, None]], fit.beside(np.random.default_rng(3).standard_normal((4200, 50))))
+        assert beside.structure_um(np.zeros((4200, 1))) == pytest.approx(0.0014, rel=0.05)  # by weight 36 nm
 
     def test_energy_along_some_columns_is_theirs_alone(self, item, null, noise):
         columns = np.random.default_rng(7).standard_normal((4200, 6))

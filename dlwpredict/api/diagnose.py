@@ -199,7 +199,7 @@ def in_halves(
     chosen, named = halves(len(recordings), policy.SPLITS, seed), []
     with Workers(processes, search.__module__) as workers:
         for number, half in enumerate(chosen, start=1):
-            course.tell(Stage("judgement", 0.99, f"half {number} of {len(chosen)}"))
+            course.tell(Stage("judgement", (number - 1) / len(chosen), f"half {number} of {len(chosen)}"))
             own = Course(workers=workers, work=course.work, stored=course.stored.setdefault(f"half {half}", {}))
             named.append(named_by(half, recordings, start, repeats, seed, own))
     return replace(answer, content=with_halves(dict(answer.content), named))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from dlwpredict.cli.pairs import Files, read_pair, with_repeats
 from dlwpredict.cli.plotting import draw
 from dlwpredict.cli.progress import progress
 from dlwpredict.cli.streams import tell as figures
+from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.answer.content import FORMAT
 from dlwpredict.diagnosis.answer.words import listed
 from dlwpredict.diagnosis.judge import Diagnosis
@@ -185,23 +187,25 @@ class Session:
 
     def search(self, *, advice: bool, reproducible: bool = False) -> None:
         """Diagnose, keeping every answer on the way."""
+        begun = time.monotonic()
+        running: dict[str, Any] = {"seed": self.seed, "processes": self.processes}
         with progress(self._expected_s) as tell:
-            running: dict[str, Any] = {"seed": self.seed, "processes": self.processes}
             course = Course(tell, self._keep, work=self.work, stored=self.companion.stored)
             answer = diagnose(self.pairs, self.start, holdout=self.holdout, advice=advice, course=course, **running)
             if self.outputs.params_out:
                 answer.parameters  # noqa: B018 (may fit once more: while that can still be interrupted)
             self.best, self.content = answer, self._completed(answer.content)
-            if reproducible:
-                write_text(self.outputs.output, yaml_text(self.content))
+        if reproducible:
+            write_text(self.outputs.output, yaml_text(self.content))
+            with progress(policy.SPLITS * (time.monotonic() - begun)) as tell:  # both halves: as long as the whole
 
                 def step(stage: Stage) -> None:
                     self.companion.write()
                     tell(stage)
 
                 answer = in_halves(answer, self.start, course=replace(course, tell=step), **running)
-                self.best, self.content = answer, self._completed(answer.content)
-            self.finished = True
+            self.best, self.content = answer, self._completed(answer.content)
+        self.finished = True
 
     def _keep(self, diagnosis: Diagnosis) -> None:
         """Write an answer that is valid already, unless it says less than the one that stands."""

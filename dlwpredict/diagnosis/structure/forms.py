@@ -141,15 +141,24 @@ class Beside:
         real = values > SMALLEST * max(values[-1], SMALLEST)
         return vectors[:, real] / np.sqrt(values[real])
 
-    def structure_um(self) -> float:
-        """Return the root mean square of what the columns explain of the residual, less what noise has there, µm."""
-        fitted, turn = self.fitted, self._directions(slice(None))
-        along = turn.T @ self.residual
-        weights = np.split(turn @ along, np.cumsum([x.shape[1] for x in self.blocks])[:-1])
-        forms = fitted.beside(fitted.rows.stack([x @ w for x, w in zip(self.blocks, weights, strict=True)]))
-        parts = [item.whitener.solve(part) for item, part in zip(fitted.data, fitted.rows.split(forms), strict=True)]
-        share = 1 - len(along) / max(float(along @ along), len(along), 1.0)
-        return float(np.sqrt(share * sum(float(part @ part) for part in parts) / fitted.rows.data))
+    def structure_um(self, noise: np.ndarray) -> float:
+        """Return the root mean square of what the columns explain of the residual, less what noise has there, µm.
+
+        By least squares in µm, so that no more can be explained than there is: by generalised ones, structure that is
+        shorter than the columns is carried on to longer one, to which correlated noise lends little weight.
+
+        Parameters
+        ----------
+        noise : numpy.ndarray, shape (rows, draws)
+            Beside the fit.
+        """
+        rows, squares = self.fitted.rows, np.zeros(1 + noise.shape[1])
+        both = np.column_stack([self.fitted.residual, noise])
+        for k, (item, columns) in enumerate(zip(self.fitted.data, self.blocks, strict=True)):
+            basis, sizes, _ = np.linalg.svd(item.whitener.solve(columns), full_matrices=False)
+            basis = basis[:, sizes > SMALLEST * sizes[0]]
+            squares += np.sum((basis.T @ item.whitener.solve(both[rows.of(k)])) ** 2, axis=0)
+        return float(np.sqrt(max(squares[0] - squares[1:].mean(), 0.0) / rows.data))
 
 
 def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:

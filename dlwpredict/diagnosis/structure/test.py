@@ -83,7 +83,7 @@ class Model:
             draws,
             beside,
             beside.energy(),
-            beside.structure_um(),
+            beside.structure_um(draws),
             ripple(fit, draws),
             spot(fit, draws, bumps),
             columns,
