@@ -11,7 +11,7 @@ from dlwpredict import designs
 from dlwpredict.api.diagnose import Answer, in_halves
 from dlwpredict.cli import app
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.answer.halves import halves, share_of, with_halves
+from dlwpredict.diagnosis.answer.halves import agreeing, halves, with_halves
 from dlwpredict.diagnosis.run import Course
 from dlwpredict.effects import library
 from dlwpredict.files import write_height_map
@@ -34,8 +34,9 @@ def test_chance_seldom_agrees():
     """A name that a half has by chance every other time, five splits: as often settled as the binomial law says."""
     rng = np.random.default_rng(0)
     drawn = rng.random((4000, 2 * policy.SPLITS)) < 0.5
-    settled = [share_of(["curl"], [[frozenset({"curl"})] if hit else [] for hit in row]) for row in drawn]
-    assert np.mean(np.array(settled) >= policy.REPRODUCED) == pytest.approx(56 / 1024, abs=0.011)
+    asked = [answered(content(finding("curl")), [[CURL] if hit else [] for hit in row]) for row in drawn]
+    settled = [said["findings"][0]["reproducible"]["settled"] for said in asked]
+    assert np.mean(settled) == pytest.approx(56 / 1024, abs=0.011)
 
 
 def finding(*names):
@@ -44,6 +45,10 @@ def finding(*names):
 
 def content(*findings, verdict="identified"):
     return {"verdict": verdict, "sentence": "The model lacks it.", "findings": list(findings)}
+
+
+def answered(content, named):
+    return with_halves(content, halves(8, len(named) // 2, seed=0), named)
 
 
 CURL, LOOKS, DRIFT = frozenset({"curl"}), frozenset({"curl", "vignetting"}), frozenset({"z-drift"})
@@ -59,24 +64,34 @@ CURL, LOOKS, DRIFT = frozenset({"curl"}), frozenset({"curl", "vignetting"}), fro
     ],
 )
 def test_nothing_is_identified_that_halves_do_not_agree_on(named, verdict, settled):
-    said = with_halves(content(finding("curl"), finding("z-drift")), named)
+    said = answered(content(finding("curl"), finding("z-drift")), named)
     assert said["verdict"] == verdict
-    assert [one["halves"]["settled"] for one in said["findings"]] == settled
+    assert [one["reproducible"]["settled"] for one in said["findings"]] == settled
     for one, name in zip(said["findings"], ("curl", "z-drift"), strict=True):
-        assert ("not settled" in one["statement"]) is not one["halves"]["settled"]
-        assert (name in said["sentence"]) is not one["halves"]["settled"]
+        assert ("not settled" in one["statement"]) is not one["reproducible"]["settled"]
+        assert (name in said["sentence"]) is not one["reproducible"]["settled"]
 
 
 def test_what_found_nothing_stays_as_it_is():
     said = content(verdict="none")
-    assert with_halves(said, [[], []]) == said | {"findings": []}
+    empty = [{"recordings": list(half), "named": []} for half in halves(8, 1, seed=0)]
+    assert answered(said, [[], []]) == said | {"findings": [], "halves": empty}
+
+
+def test_a_class_of_a_half_stands_for_one_finding():
+    """Look-alikes in two findings: what halves name once is settled once, and it is the likest one."""
+    findings = finding("curl", "z-drift"), finding("vignetting", "z-drift", "power-drift")
+    said = answered(content(*findings), [[DRIFT]] * 10)
+    assert [one["reproducible"]["agree"] for one in said["findings"]] == [10, 0]
+    assert agreeing([one["effects"] for one in findings], [DRIFT, CURL]).tolist() == [True, True]
+    assert all(half["named"] == [["z-drift"]] and len(half["recordings"]) == 4 for half in said["halves"])
 
 
 def test_halves_say_how_far_they_are(monkeypatch):
     told, pair = [], SimpleNamespace(recording=None, repeats=())
     monkeypatch.setattr("dlwpredict.api.diagnose.named_by", lambda *_: [CURL])
     answer = in_halves(Answer(content(finding("curl")), None, [pair] * 4), None, course=Course(told.append))
-    assert answer.content["findings"][0]["halves"]["settled"]
+    assert answer.content["findings"][0]["reproducible"]["settled"]
     assert [stage.share for stage in told] == pytest.approx(np.arange(2 * policy.SPLITS) / (2 * policy.SPLITS))
 
 
@@ -108,7 +123,7 @@ def test_halves_of_real_data_agree_on_what_all_have(pairs, monkeypatch):
     said = read_yaml(out)
     assert said["complete"] and said["findings"]
     first = said["findings"][0]
-    assert "dose-memory" in first["effects"] and first["halves"] == {"share": 1.0, "of": 2, "settled": True}
+    assert "dose-memory" in first["effects"] and first["reproducible"] == {"halves": 2, "agree": 2, "settled": True}
 
 
 def test_too_few_recordings_are_refused(pairs):

@@ -202,7 +202,7 @@ def in_halves(
             course.tell(Stage("judgement", (number - 1) / len(chosen), f"half {number} of {len(chosen)}"))
             own = Course(workers=workers, work=course.work, stored=course.stored.setdefault(f"half {half}", {}))
             named.append(named_by(half, recordings, start, repeats, seed, own))
-    return replace(answer, content=with_halves(dict(answer.content), named))
+    return replace(answer, content=with_halves(dict(answer.content), chosen, named))
 
 
 def first_look(pairs: Sequence[Pair], start: ParameterSet) -> tuple[dict[str, Any], float]:
