@@ -83,7 +83,9 @@ def test_a_class_of_a_half_stands_for_one_finding():
     findings = finding("curl", "z-drift"), finding("vignetting", "z-drift", "power-drift")
     said = answered(content(*findings), [[DRIFT]] * 10)
     assert [one["reproducible"]["agree"] for one in said["findings"]] == [10, 0]
-    assert agreeing([one["effects"] for one in findings], [DRIFT, CURL]).tolist() == [True, True]
+    effects = [one["effects"] for one in findings]
+    assert agreeing(effects, [DRIFT, CURL]).tolist() == [True, True]
+    assert agreeing(effects[::-1], [DRIFT]).tolist() == [False, True]
     assert all(half["named"] == [["z-drift"]] and len(half["recordings"]) == 4 for half in said["halves"])
 
 
