@@ -254,9 +254,7 @@ class TestFitter:
         monkeypatch.setattr(fitting, "promised", lambda fit: next(left))
         monkeypatch.setattr(fitting, "recorded", lambda fit: {})
         monkeypatch.setattr(fitting, "_begun", lambda objective, start, like: fit(start.cost))
-        monkeypatch.setattr(
-            fitting, "_hurried", lambda o, begun, like: hurried.append(begun.cost) or fit(begun.cost - 1)
-        )
+        monkeypatch.setattr(fitting, "_hurried", lambda o, begun: hurried.append(begun.cost) or fit(begun.cost - 1))
         monkeypatch.setattr(Fitter, "free", lambda self, parameters: known)
         monkeypatch.setattr(Objective, "at", lambda self, free, vector, near: near)
         monkeypatch.setattr(Objective, "differentiated", lambda self, fit: fit)
@@ -278,6 +276,18 @@ class TestFitter:
         (found,) = Fitter(objective, free).contest([[Start(begun)]]).values()
         (effect,) = found.parameters.effects
         assert effect.log_ratio == pytest.approx(-0.3, abs=0.03) and effect.angle_deg == pytest.approx(65, abs=3)
+
+    def test_past_such_an_end_moves_what_has_moved(self, air):
+        """An effect whose switch a descent has put to nothing is in the model all the same."""
+        known = library()
+        begun = replace(TRUTH, effects=(known["astigmatism"](0.2, 0.0), known["vignetting"]()))
+        switches = [f"{effect.name}.{name}" for effect in begun.effects for name in effect.switches()]
+        free = choose(begun, free=(*KAPPAS, *switches, "astigmatism.angle_deg"))
+        objective = objective_of(air, predict(air, TRUTH))
+        found = objective.at(free, free.start)
+        other = fitting._elsewhere(objective, found, lambda fit: replace(fit, residual=fit.residual / 2))
+        assert other.parameters.effects[0] == known["astigmatism"](-0.2, 90.0)
+        assert key_of(other.free) == key_of(found.free)
 
     def test_what_is_said_in_the_end_is_known_to_its_own_accuracy(self, air, printed):
         """Whatever others explain; and where nothing is left to gain, nothing is computed."""

@@ -203,21 +203,21 @@ def _quick(objective: Objective, like: Free, starts: Sequence[Start]) -> tuple[F
     A model costs no more than one that it holds. Where all quick fits do, the parent's derivatives have misled them:
     what is new in the first start is put beside the parent as it was, with derivatives of its own.
     """
-    found = [_hurried(objective, _begun(objective, start, like), like) for start in starts]
+    found = [_hurried(objective, _begun(objective, start, like)) for start in starts]
     best, parent = min(found, key=lambda one: one.cost), starts[0].parent
     if parent is not None and starts[0].held and best.cost > parent.cost:
         known = dict(zip(parent.free.names, parent.vector, strict=True))
         values = zip(best.free.names, best.free.values(starts[0].parameters), strict=True)
         vector = best.free.allowed(np.array([known.get(name, value) for name, value in values]))
         begun = objective.differentiated(objective.at(best.free, vector, parent))
-        best = min(best, _hurried(objective, begun, like), key=lambda one: one.cost)
+        best = min(best, _hurried(objective, begun), key=lambda one: one.cost)
     return replace(best, promise=promised(best)), objective.work.predictions
 
 
-def _nearer(objective: Objective, like: Free, fit: Fit, limit: float) -> tuple[Fit, float]:
+def _nearer(objective: Objective, _: Free, fit: Fit, limit: float) -> tuple[Fit, float]:
     """Return where a quick fit leads with derivatives taken anew, and again while it may come below a limit."""
-    for _ in range(RENEWED):
-        fit = _hurried(objective, objective.differentiated(objective.at(fit.free, fit.vector, fit)), like)
+    for _time in range(RENEWED):
+        fit = _hurried(objective, objective.differentiated(objective.at(fit.free, fit.vector, fit)))
         fit = replace(fit, promise=promised(fit))
         if not _may_reach(objective, fit, limit):
             break
@@ -229,10 +229,10 @@ def _may_reach(objective: Objective, fit: Fit, limit: float) -> bool:
     return fit.promise >= tolerance(objective, fit, QUICK_GAIN) and fit.cost - HOPED * fit.promise <= limit
 
 
-def _hurried(objective: Objective, begun: Fit, like: Free) -> Fit:
+def _hurried(objective: Objective, begun: Fit) -> Fit:
     """Return where a few steps lead with the derivatives that a fit has, past ends of ranges as well."""
     go = partial(descend, objective, secant=True, steps=QUICK_STEPS, gain=QUICK_GAIN)
-    return _elsewhere(objective, go(begun), like, go)
+    return _elsewhere(objective, go(begun), go)
 
 
 def _begun(objective: Objective, start: Start, like: Free) -> Fit:
@@ -253,13 +253,13 @@ def _best(objective: Objective, like: Free, starts: Sequence[Start], begun: Fit 
         begun = _quick(objective, like, starts)[0]
     free = begun.free if begun else moving(starts[0].parameters, like)
     first = objective.at(free, begun.vector if begun else free.start, begun)
-    found = _converged(objective, first, like)
+    found = _converged(objective, first)
     other = None if any(start.settled for start in starts) else from_paper(found.free, found.vector)
     if other is not None:
         again = objective.differentiated(objective.at(found.free, other, found))
         again = descend(objective, again, secant=True, steps=LOOK)
         if _may_be_lower(objective, replace(again, promise=promised(again)), found):
-            found = min(found, _converged(objective, again, like), key=lambda one: one.cost)
+            found = min(found, _converged(objective, again), key=lambda one: one.cost)
     return found, objective.work.predictions
 
 
@@ -280,10 +280,10 @@ def _leads_to(found: Fit, other: Fit) -> bool:
     return float(unsaid @ unsaid) < SAME_VALLEY * float(differs @ differs)
 
 
-def _converged(objective: Objective, fit: Fit, like: Free) -> Fit:
+def _converged(objective: Objective, fit: Fit) -> Fit:
     """Descend with derivatives taken anew, past the ends of ranges that nature does not end."""
     go = partial(descend, objective)
-    return _elsewhere(objective, go(objective.differentiated(fit)), like, go)
+    return _elsewhere(objective, go(objective.differentiated(fit)), go)
 
 
 def _polished(objective: Objective, _: Free, fit: Fit) -> tuple[Fit, float]:
@@ -291,12 +291,12 @@ def _polished(objective: Objective, _: Free, fit: Fit) -> tuple[Fit, float]:
     return descend(replace(objective, explained=0.0), fit), objective.work.predictions
 
 
-def _elsewhere(objective: Objective, found: Fit, like: Free, go: Callable[[Fit], Fit]) -> Fit:
+def _elsewhere(objective: Objective, found: Fit, go: Callable[[Fit], Fit]) -> Fit:
     """Go on from the other end where an effect has come to the end of a range that nature does not end."""
     effects = tuple(effect.elsewhere() for effect in found.parameters.effects)
     if effects == found.parameters.effects:
         return found
-    free = moving(replace(found.parameters, effects=effects), like)
+    free = replace(found.free, base=replace(found.parameters, effects=effects))  # a switch at 0 moves on
     other = objective.differentiated(objective.at(free, free.start, found))
     return min(found, go(other), key=lambda one: one.cost)
 
