@@ -126,7 +126,7 @@ class Beside:
         Noise alone has there a χ² whose mean and variance are those of the null's draws (Satterthwaite), noise models
         that differ from draw to draw included.
         """
-        turn = self._directions(chosen)
+        turn = _directions(self.products[chosen][:, chosen])
         if not turn.shape[1]:
             return Energy(0.0, 1.0)
         energy = float(np.sum((turn.T @ self.residual[chosen]) ** 2))
@@ -134,12 +134,6 @@ class Beside:
         mean, variance = float(nulls.mean()), float(nulls.var(ddof=1))
         p_value = float(special.chdtrc(2 * mean**2 / variance, max(energy * 2 * mean / variance, 0)))
         return Energy(energy - mean, p_value)
-
-    def _directions(self, chosen: np.ndarray | slice) -> np.ndarray:
-        """Return the matrix that makes an orthonormal basis of some columns, shape (columns, directions)."""
-        values, vectors = np.linalg.eigh(self.products[chosen][:, chosen])
-        real = values > SMALLEST * max(values[-1], SMALLEST)
-        return vectors[:, real] / np.sqrt(values[real])
 
     def structure_um(self, noise: np.ndarray) -> float:
         """Return the root mean square of what the columns explain of the residual, less what noise has there, µm.
@@ -155,10 +149,18 @@ class Beside:
         rows, squares = self.fitted.rows, np.zeros(1 + noise.shape[1])
         both = np.column_stack([self.fitted.residual, noise])
         for k, (item, columns) in enumerate(zip(self.fitted.data, self.blocks, strict=True)):
-            basis, sizes, _ = np.linalg.svd(item.whitener.solve(columns), full_matrices=False)
-            basis = basis[:, sizes > SMALLEST * sizes[0]]
-            squares += np.sum((basis.T @ item.whitener.solve(both[rows.of(k)])) ** 2, axis=0)
+            forms = item.whitener.solve(columns)
+            forms /= np.maximum(np.linalg.norm(forms, axis=0), 1e-12)
+            along = forms.T @ item.whitener.solve(both[rows.of(k)])
+            squares += np.sum((_directions(forms.T @ forms).T @ along) ** 2, axis=0)
         return float(np.sqrt(max(squares[0] - squares[1:].mean(), 0.0) / rows.data))
+
+
+def _directions(products: np.ndarray) -> np.ndarray:
+    """Return what makes an orthonormal basis of columns with these scalar products, shape (columns, directions)."""
+    values, vectors = np.linalg.eigh(products)
+    real = values > SMALLEST * max(values[-1], SMALLEST)
+    return vectors[:, real] / np.sqrt(values[real])
 
 
 def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
