@@ -348,6 +348,8 @@ class TestFitter:
         assert values == dict(zip(fit.free.names, fit.vector, strict=True))
         again = fitted(second)
         np.testing.assert_array_equal(again.vector, fit.vector)
+        assert again.promise == fit.promise and bool(again.promise) is quick
+        assert quick or again.jacobian.any(), "with derivatives, from which the search goes on"
         assert again.cost == pytest.approx(fit.cost, abs=1e-3)
         assert second.objective.work.predictions <= first.objective.work.predictions
 

@@ -7,7 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.baseline import rewhitened
+from dlwpredict.infer.baseline import rewhitened, unsaid
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.noises import white
 from dlwpredict.infer.objective import Objective, Work
@@ -178,6 +178,16 @@ class TestDerivatives:
         for name in ("shrinkage_min", "shrinkage_max"):
             one, two = over.jacobian[:, SEVEN.index(name)], anew.jacobian[:, SEVEN.index(name)]
             assert np.linalg.norm(one - two) < share * np.linalg.norm(two)
+        priors = second.rows.parameter_priors
+        assert anew.jacobian[priors].any()
+        np.testing.assert_allclose(over.jacobian[priors], anew.jacobian[priors])
+
+
+@pytest.mark.parametrize(("said", "taken"), [("points", "either"), ("squares", "squares"), ("either", "either")])
+def test_what_a_file_leaves_open_of_pixels_may_be_either(said, taken):
+    start = ParameterSet()
+    start = replace(start, readings=replace(start.readings, pixels=said))
+    assert unsaid(start).readings.pixels == taken
 
 
 def test_work_counts_predictions_and_shows_places(air, printed):
