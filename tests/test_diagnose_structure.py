@@ -399,7 +399,7 @@ class TestModel:
     def of(p_values, excess=10.0):
         forms, wave, lone, columns = p_values
         patterns = Ripple(0, 4.0, 0.0, excess, wave), Spot(0, 0.0, 0.0, 1.0, excess, lone), Columns(0, 0.0, 0.0, 1.0)
-        return Model(None, None, None, Energy(excess, forms), 0.0, *patterns[:2],
+        return Model(None, None, None, Energy(excess, forms), *patterns[:2],
                      replace(patterns[2], p_value=columns, excess=excess), None, None)  # fmt: skip
 
     @pytest.mark.parametrize("way", range(WAYS))

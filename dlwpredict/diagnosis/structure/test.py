@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,8 +40,6 @@ class Model:
         The free forms beside it.
     forms : Energy
         What they explain of the residual.
-    structure_um : float
-        Root mean square of that, µm.
     ripple : Ripple
         The strongest wave in the residual.
     spot : Spot
@@ -57,7 +56,6 @@ class Model:
     draws: np.ndarray
     beside: Beside
     forms: Energy
-    structure_um: float
     ripple: Ripple
     spot: Spot
     columns: Columns
@@ -83,7 +81,6 @@ class Model:
             draws,
             beside,
             beside.energy(),
-            beside.structure_um(draws),
             ripple(fit, draws),
             spot(fit, draws, bumps),
             columns,
@@ -91,6 +88,11 @@ class Model:
             held_out.recordings(fit),
             tuple(left_out),
         )
+
+    @cached_property
+    def structure_um(self) -> float:
+        """Root mean square of what free forms explain of the residual, µm."""
+        return self.beside.structure_um(self.draws)
 
     @property
     def residual(self) -> tuple[Ripple, Spot, Columns]:
