@@ -7,6 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.heightmap import HeightMap
+from dlwpredict.infer import baseline
 from dlwpredict.infer.baseline import rewhitened, unsaid
 from dlwpredict.infer.free import choose
 from dlwpredict.infer.noises import white
@@ -205,3 +206,22 @@ def test_work_can_be_stopped(air, printed):
 
     with pytest.raises(KeyboardInterrupt):
         objective_of(prepare(air, printed), work=Work(stop=stop)).at(SEVEN, SEVEN.start)
+
+
+def test_predictions_on_coarse_pixels_count_by_their_points(monkeypatch):
+    """Two descents on pixels of twice the side come first: each of their predictions is a quarter of one."""
+    target = designs.air(size_um=36, pitch_um=0.5, margin_um=2, seed=3)
+    recording = prepare(target, target.with_heights(predict(target, TRUTH).heights_um))
+    fit_white, began, spent = baseline._white, [], []
+
+    def watched(recordings, *rest):
+        work = rest[-1]
+        began.append((recordings[0].target.shape, work.predictions))
+        fit = fit_white(recordings, *rest)
+        spent.append(work.predictions - began[-1][1])
+        return fit
+
+    monkeypatch.setattr(baseline, "_white", watched)
+    baseline.rough([recording], choose(TRUTH, free=("shrinkage_max",)), {}, Work(), spikes=False)
+    assert [shape for shape, _ in began] == [(40, 40), (40, 40), (80, 80)] and min(spent) > 0
+    assert began[2][1] == pytest.approx(1 + (spent[0] + spent[1]) / 4)

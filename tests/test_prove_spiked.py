@@ -5,6 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from dlwpredict import designs
+from dlwpredict.effects import library
+from dlwpredict.files import write_height_map
+from dlwpredict.files.parameters_yaml import parameters_as_dict
+from dlwpredict.parameters import Paper, ParameterSet
 from tests.prove import spiked
 from tests.prove.linear import noise_model
 from tests.prove.sealed import Folder
@@ -35,7 +40,7 @@ def told(*findings, verdict="identified", rms_um=0.01, **model):
     return {"verdict": verdict, "findings": list(findings), **rest}
 
 
-TRUTH = {"name": "vignetting", "switch": "strength", "value": 0.2, "off": 0.0, "left_um": 0.008, "control": "control",
+TRUTH = {"name": "vignetting", "switch": "strength", "value": 0.2, "off": 0.0, "left_um": 0.008,
          "entry": {"name": "vignetting", "strength": 0.2}, "times": 3.0}  # fmt: skip
 OWN = finding("slope-error", side="measurement")
 
@@ -61,23 +66,24 @@ def strength(*of):
          {"heard": True, "held": False, "alike": True, "wrong_side": True, "misnamed": True}),
         (told(OWN), told(finding("field-curvature", side="measurement", probability=0.89), verdict="unexplained"),
          {"heard": True, "held": False, "wrong_side": False, "misnamed": False}),
-        (told(finding("vignetting", **strength(0.1, 0.05, 0.15)), **size(0.1, 0.05, 0.15)),
-         told(**size(0.31, 0.25, 0.35)), {"heard": True, "held": True, "covered": True}),
-        (told(finding("vignetting", **strength(0.1, 0.05, 0.15)), **size(0.1, 0.05, 0.15)),
-         told(**size(0.12, 0.07, 0.17)), {"heard": False, "held": False}),
+        (told(OWN), told(OWN, finding("vignetting", **strength(0.19, 0.1, 0.3))),
+         {"heard": True, "held": True, "covered": True, "wrong_side": False}),
+        (told(OWN), told(OWN), {"heard": False, "held": False, "covered": None, "wrong_side": False}),
+        (told(finding("curl", "slope-error")), told(OWN), {"heard": False}),
+        (told(OWN), told(finding("curl", "slope-error")), {"heard": True}),
         (told(OWN), told(rms_um=0.014), {"heard": True, "held": False, "misnamed": False}),
         (told(OWN), told(verdict="unexplained"), {"heard": True}),
         (told(OWN, verdict="unexplained"), told(verdict="unexplained"), {"heard": False}),
     ],
 )  # fmt: skip
-def test_what_is_said_beyond_the_control(tmp_path, control, after, expected):
+def test_what_is_said_beyond_the_untouched_recording(tmp_path, control, after, expected):
     place = Folder(tmp_path)
-    for name, content in (("control", control), ("case", after)):
+    for name, content in (("again", control), ("case", after)):
         place.answer(name).parent.mkdir(exist_ok=True)
         place.answer(name).write_text(json.dumps({"status": 0, "seconds": 1.0, "diagnosis": content}))
     place.truth("case").parent.mkdir()
     place.truth("case").write_text(json.dumps(TRUTH))
-    result = spiked.judged(tmp_path, "case")
+    result = spiked.judged(tmp_path, "case", "again")
     assert {key: result[key] for key in expected} == expected
 
 
@@ -97,3 +103,24 @@ def test_the_table_counts_by_strength():
 
 def test_what_a_control_holds_without_a_name_counts_as_noise():
     assert [spiked.nameless_um(told(verdict=verdict)) for verdict in ("unexplained", "identified")] == [0.01, 0.0]
+
+
+def test_what_is_added_is_printed_by_the_process_that_is_known(tmp_path):
+    """A focus astigmatic already and wide cross-linking: the same change as the press makes beside both."""
+    part = designs.air(size_um=12, pitch_um=0.3, margin_um=2, seed=2)
+    known = ParameterSet(paper=Paper(crosslink_fwhm_xy_um=4.0), effects=(library()["astigmatism"](log_ratio=0.3),))
+    place, noise = Folder(tmp_path), {"white_um": 0.003, "jitter_um": 0, "correlated_um": 0.01, "row_um": 0,
+                                      "column_um": 0, "length_um": 1.0, "smoothness": 1.5}  # fmt: skip
+    place.data("control").mkdir(parents=True)
+    for what in ("target", "recording"):
+        write_height_map(place.data("control") / f"{what}_0.tif", part)
+    place.answer("control").parent.mkdir()
+    answer = {"diagnosis": told(verdict="none") | {"noise": [noise]}, "extended": parameters_as_dict(known)}
+    place.answer("control").write_text(json.dumps(answer, default=float))
+    real = spiked.Real.of(place, "control")
+    assert real.knows("astigmatism") and not real.knows("line-end-pileup")
+    assert "astigmatism.log_ratio" in real.sight.fit.free.names
+    process = {name.replace("exposure_", "focus_"): value for name, value in vars(known.paper).items()}
+    entry, focus = {"name": "line-end-pileup", "gain": 0.1}, {"name": "astigmatism", "log_ratio": 0.3}
+    with_it, without = (spiked.shown(real.part, process, effects) for effects in ([focus, entry], [focus]))
+    np.testing.assert_allclose(real.change(entry), np.nan_to_num(with_it - without), atol=1e-12)

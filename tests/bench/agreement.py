@@ -23,7 +23,7 @@ from dlwpredict.parameters import declarations
 from dlwpredict.process import predict
 from tests.bench.cases import Case, process, target
 from tests.press.effect import registry
-from tests.prove.hidden import NAMED, SET_APART
+from tests.prove.hidden import NAMED, SET_APART, entry_of
 from tests.prove.linear import Sight
 from tests.prove.mix import Draw
 from tests.prove.sealed import Bare, shown
@@ -67,9 +67,7 @@ def by_program(known: Bare, effect: Effect) -> list[np.ndarray]:
 
 def by_press(known: Bare, effect: Effect, model: str) -> list[np.ndarray]:
     """Return the change of what the press prints and its microscope shows, with the parameters that it knows."""
-    names = set(vars(registry()[effect.name]())) & set(vars(effect)) - set(SET_APART)
-    entry = {"name": effect.name, **{name: getattr(effect, name) for name in sorted(names)}}
-    entry |= {"model": model} if model else {}
+    entry = entry_of(effect) | ({"model": model} if model else {})
     changed = shown(known.drawn, known.parts, [entry])
     return [np.nan_to_num(a - b) for a, b in zip(changed, known.plain, strict=True)]
 

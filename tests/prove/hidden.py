@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dlwpredict.effects import library
+from dlwpredict.effects.base import Effect, settings
 from dlwpredict.infer.model import matters
 from dlwpredict.parameters import declarations
 from tests.bench.cases import NEVER
@@ -132,6 +133,12 @@ def form(most: str, rng: np.random.Generator) -> Hidden:
     """Draw an error of form: one way in full, the others in part, and a size from 0 to 1 for all together."""
     parts = {key: 1.0 if key == most else float(rng.uniform(LEAST_PART, 1)) for key in FORMS}
     return Hidden(FORM, "size", 0.0, 0.3, 0.0, 1.0, parts | {"pin_height_um": float(rng.uniform(*PIN_UM))})
+
+
+def entry_of(effect: Effect) -> dict:
+    """Return an effect of the program in the press's words, as far as the press has them."""
+    known = {item.name for item in fields(registry()[effect.name])} - set(SET_APART)
+    return {"name": effect.name} | {name: value for name, value in settings(effect).items() if name in known}
 
 
 def of_press(entry: Mapping) -> dict:

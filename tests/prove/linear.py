@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap, Instrument
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, choose
+from dlwpredict.infer.model import freed
 from dlwpredict.infer.objective import Fit, Objective
 from dlwpredict.infer.recording import doubted, prepare
 from dlwpredict.infer.whitened import Whitened
@@ -97,11 +99,23 @@ class Sight:
     rest: float
 
     @classmethod
-    def of(cls, targets: Sequence[HeightMap], process: dict, noise: dict, recorded_um: float | None = None) -> Sight:
-        """Linearise about the truth; pixels that were recorded wider than the target's make walls wider."""
-        parameters, instrument = parameters_of(process), Instrument(pitch_um=recorded_um)
-        pairs = [(target, replace(predict(target, parameters), instrument=instrument)) for target in targets]
-        free = choose(parameters)
+    def of(
+        cls,
+        targets: Sequence[HeightMap],
+        process: dict,
+        noise: dict,
+        recorded_um: float | None = None,
+        effects: Sequence[Effect] = (),
+    ) -> Sight:
+        """Linearise about the truth; pixels that were recorded wider than the target's make walls wider.
+
+        Effects that are known to be there move with the seven.
+        """
+        seven, instrument = parameters_of(process), Instrument(pitch_um=recorded_um)
+        parameters = replace(seven, effects=tuple(effects))
+        shown = [predict(target, parameters, as_measured=True) for target in targets]
+        pairs = [(target, replace(seen, instrument=instrument)) for target, seen in zip(targets, shown, strict=True)]
+        free = freed(parameters, choose(seven))
         true = placed(whitened(pairs, noise), free, free.start)
         return cls(true, _refitted(true, [0.0] * len(pairs)).cost)
 
