@@ -324,9 +324,9 @@ def test_a_raw_recording_is_aligned_by_the_program_to_a_tenth_of_a_pixel(sealed_
 @pytest.mark.slow
 def test_a_command_is_asked_for_its_own_seconds(tmp_path):
     busy = "sum(i * i for i in range(3_000_000))"
-    status, complaint, cpu_s = answer._run([sys.executable, "-c", busy], tmp_path)
+    status, complaint, cpu_s = answer.ran([sys.executable, "-c", busy], tmp_path)
     assert (status, complaint) == (0, "") and 0.05 < cpu_s < 30
-    status, complaint, _ = answer._run([sys.executable, "-c", "raise SystemExit('error: no')"], tmp_path)
+    status, complaint, _ = answer.ran([sys.executable, "-c", "raise SystemExit('error: no')"], tmp_path)
     assert (status, complaint) == (1, "error: no")
 
 
@@ -349,7 +349,7 @@ def test_a_program_that_changes_while_it_is_asked_proves_nothing(tmp_path, monke
 def test_answers_are_kept_for_one_state_of_the_program(sealed_case, monkeypatch):
     folder, name, _ = sealed_case
     asked = []
-    monkeypatch.setattr(answer, "_run", lambda command, where: asked.append(command) or (1, "error: no", 2.0))
+    monkeypatch.setattr(answer, "ran", lambda command, where: asked.append(command) or (1, "error: no", 2.0))
     assert answer.ask(folder, name, "one")["complaint"] == "error: no"
     answer.ask(folder, name, "one")
     assert len(asked) == 1
@@ -521,7 +521,7 @@ def test_stepwise_bic_finds_a_column_in_independent_noise_and_stops():
 @pytest.mark.long
 def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """The program is played by a stand-in that finds nothing; everything else is real."""
-    asked, really = [], answer._run
+    asked, really = [], answer.ran
 
     def stand_in(command, where, longest_s=None):
         if "align" in command:
@@ -534,7 +534,7 @@ def test_a_proof_runs_from_the_seal_to_the_page_and_goes_on_where_it_stopped(tmp
         Path(out["--params-out"]).write_text(yaml.safe_dump({"format": "dlwpredict-parameters/1", **seven}))
         return 0, "", 1.0
 
-    monkeypatch.setattr(answer, "_run", stand_in)
+    monkeypatch.setattr(answer, "ran", stand_in)
     monkeypatch.setattr(prove, "code_sha256", lambda: "code")
     results, sealed = prove.prove(tmp_path, RAW, [("null", 0), ("null", 1)], every=9, processes=1)
     assert sorted(asked) == sorted(sealed["cases"]) == sorted(r["name"] for r in results) and len(asked) == 2

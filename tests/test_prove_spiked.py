@@ -10,6 +10,7 @@ from dlwpredict.effects import library
 from dlwpredict.files import write_height_map
 from dlwpredict.files.parameters_yaml import parameters_as_dict
 from dlwpredict.parameters import Paper, ParameterSet
+from dlwpredict.process import predict
 from tests.prove import spiked
 from tests.prove.linear import noise_model
 from tests.prove.sealed import Folder
@@ -76,7 +77,8 @@ def strength(*of):
         (told(OWN, verdict="unexplained"), told(verdict="unexplained"), {"heard": False}),
     ],
 )  # fmt: skip
-def test_what_is_said_beyond_the_untouched_recording(tmp_path, control, after, expected):
+def test_what_is_said_beyond_the_untouched_recording(tmp_path, monkeypatch, control, after, expected):
+    monkeypatch.setattr(spiked, "own_of", lambda place, truth: 0.0)
     place = Folder(tmp_path)
     for name, content in (("again", control), ("case", after)):
         place.answer(name).parent.mkdir(exist_ok=True)
@@ -124,3 +126,32 @@ def test_what_is_added_is_printed_by_the_process_that_is_known(tmp_path):
     entry, focus = {"name": "line-end-pileup", "gain": 0.1}, {"name": "astigmatism", "log_ratio": 0.3}
     with_it, without = (spiked.shown(real.part, process, effects) for effects in ([focus, entry], [focus]))
     np.testing.assert_allclose(real.change(entry), np.nan_to_num(with_it - without), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("own", "low", "high", "added", "whole"),
+    [
+        (0.0, 0.1, 0.25, True, True),
+        (0.1, 0.1, 0.25, True, False),
+        (0.05, 0.22, 0.3, False, True),
+        (0.2, 0.25, 0.3, False, True),
+    ],
+)
+def test_a_strength_is_added_to_what_was_there(own, low, high, added, whole):
+    """What both make is inside the range that the program has: vignetting of 0.3 at most."""
+    found = {"value": (low + high) / 2, "low": low, "high": high}
+    result = spiked.sized(found, TRUTH, own)
+    assert (result["covered"], result["covered_whole"]) == (added, whole)
+
+
+def test_what_was_there_is_fitted_beside_what_is_known(tmp_path):
+    """An untouched print with vignetting of its own, of which the control has named nothing."""
+    part = designs.air(size_um=12, pitch_um=0.4, margin_um=2, seed=2)
+    own = ParameterSet(effects=(library()["vignetting"](strength=0.15),))
+    place = Folder(tmp_path)
+    place.data("control").mkdir(parents=True)
+    write_height_map(place.data("control") / "target_0.tif", part)
+    write_height_map(place.data("control") / "recording_0.tif", predict(part, own))
+    place.answer("control").parent.mkdir()
+    place.answer("control").write_text(json.dumps({"extended": parameters_as_dict(ParameterSet())}))
+    assert spiked.own_of(place, TRUTH | {"control": "control"}) == pytest.approx(0.15, abs=0.03)

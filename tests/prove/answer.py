@@ -70,7 +70,7 @@ def _aligned(place: Folder, name: str) -> dict:
             laid = place.aligned(name, k).absolute()
             laid.parent.mkdir(parents=True, exist_ok=True)
             words = ["align", raw.name, f"target_{k}.tif", "-o", str(laid), "--overwrite", "--quiet"]
-            status, complaint, cpu_s = _run(_command(words), raw.parent)
+            status, complaint, cpu_s = ran(command_of(words), raw.parent)
             told |= {"status": status, "complaint": complaint, "align_cpu_s": told["align_cpu_s"] + cpu_s}
     return told
 
@@ -86,16 +86,16 @@ def diagnosed(place: Folder, name: str, program: Path = PROGRAM, longest_s: floa
         said, process = Path(out, "diagnosis.yaml"), Path(out, "extended.yaml")
         words += ["-o", str(said), "--params-out", str(process), "--no-advice", "--jobs", "1", "--quiet"]
         started = time.perf_counter()
-        status, complaint, cpu_s = _run(_command(["diagnose", *words], program), place.data(name), longest_s)
+        status, complaint, cpu_s = ran(command_of(["diagnose", *words], program), place.data(name), longest_s)
         told = {"seconds": time.perf_counter() - started, "cpu_s": cpu_s, "status": status, "complaint": complaint}
         return told | ({"diagnosis": _loaded(said), "extended": _loaded(process)} if status == 0 else {})
 
 
-def _command(words: list[str], program: Path = PROGRAM) -> list[str]:
+def command_of(words: list[str], program: Path = PROGRAM) -> list[str]:
     return [str(program), "-c", "from dlwpredict.cli import main; main()", *words]
 
 
-def _run(command: list[str], where: Path, longest_s: float = LONGEST_S) -> tuple[int, str, float]:
+def ran(command: list[str], where: Path, longest_s: float = LONGEST_S) -> tuple[int, str, float]:
     """Return exit status, complaint, and the CPU seconds of a command and all its processes."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryFile() as told:
