@@ -391,7 +391,9 @@ def main(words: Sequence[str] | None = None) -> int:
         "the changed one, and to that of the untouched one again; counted is what is said of the one and not of the "
         "other; as a wrong side, or said of an untouched one, what "
         f"has a probability of {SURE:.0%} at least. The limit is that of noise, and of what the untouched "
-        "recording holds without a name.",
+        "recording holds without a name. A real print has something of many effects, or something like them: intervals "
+        "are held against what was added alone, and on top of what `calibrate` finds of the effect in the untouched "
+        "recording.",
     }
     report = chosen.report or chosen.folder / "spiked.json"
     write_text(report, json.dumps(about | proof, indent=1, default=float) + "\n")
