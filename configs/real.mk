@@ -64,3 +64,7 @@ $(REAL)/diagnosis.yaml: $(REAL_START) $(foreach field,$(REAL_FIELDS),$(call REAL
 
 # An answer that was ended early is one all the same, and is kept; removed, it is begun anew.
 .PRECIOUS: $(REAL)/diagnosis.yaml $(REAL)/%/target.tif $(REAL)/%/recording.tif $(REAL)/%/aligned.tif $(REAL)/%/default.tif $(REAL)/%/predicted.tif
+
+.PHONY: real-folds
+real-folds: $(foreach field,$(REAL_FIELDS),$(REAL)/$(field)/aligned.tif) | $(VENV)/.installed ## Diagnose the real prints halved at random, seven times (two hours; goes on; result in docs/evidence)
+	$(BIN)/python -m tests.bench.folds $(REAL) $(FOLDS)
