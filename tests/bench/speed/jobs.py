@@ -166,9 +166,9 @@ def diagnosed() -> Callable[[], dict]:
     return run
 
 
-LAG = {"name": "galvo-lag", "lag_um": 0.15, "model": "time"}
+LAG = {"name": "galvo-lag", "lag_um": 0.3, "model": "time"}
 CURL = {"name": "curl", "rise_um": 0.04}
-"""About twice their limits on three maps."""
+"""Twice their limits on three maps (10.3 and 11.0 standard deviations beside all that a fit moves, 10.3 and 11.2)."""
 
 PRINTED = {
     "nothing": Case(seed=1000),
