@@ -95,23 +95,10 @@ def bent(pairs: Sequence[tuple[HeightMap, HeightMap]]) -> Predictor:
 
 def left_um(predicted_um: np.ndarray, aligned: HeightMap) -> dict[str, float]:
     """Return the rms errors of a prediction, µm, by what is free of the recording."""
-    used = scored(aligned)
-    plane = without_plane(aligned.heights_um - predicted_um, used)
-    place = np.nonzero(used)[1]
-    lines = np.concatenate([_without_line(plane[on], place[on]) for on in _lines(used)])
-    return {name: float(np.sqrt(np.mean(left**2))) for name, left in (("plane", plane), ("lines", lines))}
-
-
-def _lines(used: np.ndarray) -> list[np.ndarray]:
-    """Return which of the used points each row has."""
-    rows = np.nonzero(used)[0]
-    return [rows == k for k in np.unique(rows)]
-
-
-def _without_line(values: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the values of a scan line less their least-squares line."""
-    basis = np.stack([np.ones(len(place)), place - place.mean()], axis=1)
-    return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+    used, error = scored(aligned), aligned.heights_um - predicted_um
+    lines = [without_plane(row[None], on[None]) for row, on in zip(error, used, strict=True) if on.any()]
+    left = {"plane": without_plane(error, used), "lines": np.concatenate(lines)}
+    return {name: float(np.sqrt(np.mean(values**2))) for name, values in left.items()}
 
 
 def errors_um(folder: Path) -> dict[str, dict[str, float]]:

@@ -382,7 +382,7 @@ def main(words: Sequence[str] | None = None) -> int:
     about = {
         "title": "Effects added to real recordings",
         "version": __version__,
-        "command": f"make prove-real with --cases {chosen.cases} --fields {chosen.fields}",
+        "command": f"make prove-real with --cases {chosen.cases} --fields {chosen.fields}, seed {SEED}",
         "machine": f"{platform.system()}, {platform.machine()}, Python {platform.python_version()}",
         "date": f"{date.today()}",
         "text": f"{len(proof['cases'])} of {proof['sealed']} sealed cases were asked, on {len(proof['fields'])} "
@@ -393,7 +393,7 @@ def main(words: Sequence[str] | None = None) -> int:
         f"has a probability of {SURE:.0%} at least. The limit is that of noise, and of what the untouched "
         "recording holds without a name. A real print has something of many effects, or something like them: intervals "
         "are held against what was added alone, and on top of what `calibrate` finds of the effect in the untouched "
-        "recording.",
+        "recording, or against the end of the effect's range where that comes first.",
     }
     report = chosen.report or chosen.folder / "spiked.json"
     write_text(report, json.dumps(about | proof, indent=1, default=float) + "\n")
