@@ -95,6 +95,17 @@ def test_no_process_is_as_wrong_as_a_strong_effect_would_have_it(part, monkeypat
     assert share_of_gain > 0.7 if stands else share_of_gain == 0.0
 
 
+@pytest.mark.parametrize(("end", "share"), [("low", 1.0), ("high", 0.0)])
+def test_a_process_at_the_end_of_a_range_does_not_answer_beyond_it(part, end, share):
+    """Heights read larger: less shrinkage of the print would be the same, and more of it would not."""
+    larger = replace(TRUTH, effects=(library()["z-amplification"](gain=0.03),))
+    model, objective = model_of(part, predict(part, larger).heights_um, larger)
+    ends, place = getattr(model.free, end).copy(), model.free.index("shrinkage_min")
+    ends[place] = model.vector[place]
+    model = replace(model, free=replace(model.free, **{end: ends}))
+    assert standing(model, ["z-amplification"], objective)["z-amplification"] == pytest.approx(share, abs=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.long
 def test_radicals_that_reach_farther_than_a_gaussian_are_no_effect():

@@ -29,6 +29,14 @@ class TestFree:
         free = choose(process)
         np.testing.assert_array_equal(free.values(free.parameters(free.start)), free.start)
 
+    def test_a_phase_goes_round_without_end(self):
+        """All others reach to the ends of their ranges."""
+        free = choose(ParameterSet(effects=(library()["z-linearity"](periodic_um=0.1, phase_rad=3.0),)))
+        (down, up), phase = free.reach(free.start), free.index("z-linearity.phase_rad")
+        assert (down[phase], up[phase]) == (-np.inf, np.inf)
+        np.testing.assert_allclose(np.delete(down, phase), np.delete(np.minimum(free.low - free.start, -1e-12), phase))
+        assert np.isfinite(np.delete(up, phase)).all()
+
     def test_what_effects_share_moves_once_and_in_all_of_them(self):
         """With one value for each, of which the model takes the largest, the others have no derivative: a trap."""
         memory, fading = library()["dose-memory"](gain=0.1), library()["vignetting"](strength=0.1, conversion=0.6)

@@ -136,6 +136,20 @@ class Free:
             beyond, self.high, np.minimum(high, self.high)
         )
 
+    def reach(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far each parameter may move down and up from a place; a phase goes round without end.
+
+        Examples
+        --------
+        >>> free = Free(ParameterSet(), ("threshold",), np.array([0.05]), np.array([0.95]))
+        >>> [end.round(2).tolist() for end in free.reach(np.array([0.95]))]
+        [[-0.9], [0.0]]
+        """
+        known = fittable(self.base)
+        endless = np.array([known[name].cyclic for name in self.names])
+        low, high = np.minimum(self.low - vector, -1e-12), np.maximum(self.high - vector, 1e-12)
+        return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
+
     def of_effect(self, name: str) -> list[int]:
         """Return the places of the parameters of an effect in the vector."""
         return [k for k, flat in enumerate(self.names) if flat.startswith(f"{name}.")]

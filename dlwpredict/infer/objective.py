@@ -27,6 +27,9 @@ STEP_OF_RANGE = 0.003
 STEP_OF_VALUE = 0.02
 """... or of the value, whichever is larger: large against the 1 nm by which the levels of the fast path may jump."""
 
+AT_END = 1e-6
+"""Share of its range by which a parameter lies at an end of it."""
+
 
 def nothing(*_: object) -> None:
     """Do nothing."""
@@ -134,9 +137,20 @@ class Fit:
         return self.free.parameters(self.vector)
 
     @cached_property
+    def unbound(self) -> list[int]:
+        """Places of the parameters that can answer a small change: those not held at an end of their range.
+
+        Where the objective still falls beyond the end, a parameter stays there (an active bound).
+        """
+        (down, up), downhill = self.free.reach(self.vector), self.jacobian.T @ self.residual
+        least = AT_END * (self.free.high - self.free.low)
+        held = ((down > -least) & (downhill < 0)) | ((up < least) & (downhill > 0))
+        return np.flatnonzero(~held).tolist()
+
+    @cached_property
     def tangents(self) -> np.ndarray:
-        """Orthonormal basis of the Jacobian, projected orthogonally to the nuisances, shape (rows, columns)."""
-        beside = self.nuisances.beside(self.jacobian)
+        """Orthonormal basis of what can move, projected orthogonally to the nuisances, shape (rows, columns)."""
+        beside = self.nuisances.beside(self.jacobian[:, self.unbound])
         scale = np.linalg.norm(beside, axis=0)
         left, sizes, _ = np.linalg.svd(beside / np.where(scale > 0, scale, 1), full_matrices=False)
         return left[:, sizes > 1e-6]

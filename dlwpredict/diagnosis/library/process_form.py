@@ -11,13 +11,14 @@ to be there.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy import linalg
 from scipy.optimize import lsq_linear
 
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.score import Beside, process_of
+from dlwpredict.diagnosis.library.score import process_of
 from dlwpredict.diagnosis.library.signatures import done_by
 from dlwpredict.infer.free import fittable
 from dlwpredict.infer.objective import Fit, Objective
@@ -68,7 +69,8 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
     """Return the share of the gain of each effect of a model that the process's form cannot have, 0 to 1.
 
     To first order, beside all other effects: what the effect gains beside the doubts, less the share of what the doubts
-    gain without it that an error of form leaves them.
+    gain without it that an error of form leaves them. The process stays within its ranges: a width at the end of one
+    cannot answer beyond it.
 
     Parameters
     ----------
@@ -80,34 +82,45 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
     """
     if not (maps := doubts(model, objective)):
         return dict.fromkeys(named, 1.0)
-    beside = Beside.of(model, process_of(model, named))
-    done = {name: model.seen_in_all(done_by(model, name, objective.work)) for name in named}
-    tangents = {name: model.jacobian[:, model.free.of_effect(name)] for name in named}
-    blocks = {name: beside(np.column_stack([done[name], tangents[name]])) for name in named}
-    residual, doubted = beside(model.residual + sum(done.values())), beside(model.seen_in_all(maps))
+    process, done = process_of(model, named), {name: done_by(model, name, objective.work) for name in named}
+    seen = {name: model.seen_in_all(change) for name, change in done.items()}
+    blocks = [np.column_stack([seen[name], model.jacobian[:, model.free.of_effect(name)]]) for name in named]
+    parts = [model.jacobian[:, process], model.seen_in_all(maps), *blocks]
+    every = model.nuisances.beside(np.column_stack([*parts, model.residual + sum(seen.values())]))
+    rows = np.linalg.qr(every).R  # fewer, with the same scalar products
+    ends = np.cumsum([0, *(part.shape[1] for part in parts)])
+    own, doubted, *effects = (rows[:, first:last] for first, last in pairwise(ends))
+    reach = [end[process] for end in model.free.reach(model.vector)]
+
+    def left(free: Sequence[np.ndarray]) -> list[float]:
+        """Return −2 ln L beside columns of any strength: of the process as it is, and as it is doubted."""
+        columns = np.column_stack([own[:, :0], *free])
+        return [_left(rows[:, -1], columns, own, reach, some) for some in (doubted[:, :0], doubted)]
+
+    with_it, both = left(effects)
     shares = {}
-    for name in named:
-        others = np.column_stack([doubted[:, :0], *(blocks[other] for other in named if other != name)])
-        sets = others, np.column_stack([others, blocks[name]])
-        (bare, with_it), (in_doubt, both) = (
-            [_left(residual, columns, doubt) for columns in sets] for doubt in (doubted[:, :0], doubted)
-        )
+    for k, name in enumerate(named):
+        bare, in_doubt = left(effects[:k] + effects[k + 1 :])
         sure = in_doubt - both - policy.UNDOUBTED * (bare - in_doubt)
         shares[name] = float(np.clip(sure / (bare - with_it), 0, 1)) if bare > with_it else 1.0
     return shares
 
 
-def _left(residual: np.ndarray, columns: np.ndarray, doubted: np.ndarray) -> float:
-    """Return −2 ln L beside columns of any strength and doubted ones as strong as they may be.
+def _left(
+    residual: np.ndarray, free: np.ndarray, own: np.ndarray, reach: Sequence[np.ndarray], doubted: np.ndarray
+) -> float:
+    """Return −2 ln L beside columns of any strength, a process within its ranges, and doubts as strong as they may be.
 
     Their strengths have a standard deviation of 1, and none is larger than `policy.POSSIBLE`: a strong effect would
     have them at any size, where no process is that wrong.
     """
+    sizes = np.maximum(np.linalg.norm(free, axis=0), 1e-12)
+    basis = linalg.orth(free / sizes, rcond=1e-5) if free.size else free
+    bounded = np.hstack([own, doubted])
+    known = np.eye(bounded.shape[1])[own.shape[1] :]
+    columns = np.vstack([bounded - basis @ (basis.T @ bounded), known])
+    ends = np.append(residual - basis @ (basis.T @ residual), np.zeros(len(known)))
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    basis = linalg.orth(columns / sizes, rcond=1e-5) if columns.size else columns
-    rest, doubts = residual - basis @ (basis.T @ residual), doubted - basis @ (basis.T @ doubted)
-    known = np.eye(doubts.shape[1])
-    if not known.size:
-        return float(rest @ rest)
-    ends = np.concatenate([rest, np.zeros(len(known))])
-    return 2 * float(lsq_linear(np.vstack([doubts, known]), ends, (-policy.POSSIBLE, policy.POSSIBLE)).cost)
+    most = np.full(len(known), policy.POSSIBLE)
+    limits = np.append(reach[0], -most) * sizes, np.append(reach[1], most) * sizes
+    return 2 * float(lsq_linear(columns / sizes, ends, limits, method="bvls").cost)

@@ -84,7 +84,7 @@ class Linearised:
         """Linearise about a model at (or very near) the place of the signatures."""
         named = tuple(signatures.done_um)
         places = [model.free.of_effect(effect) for effect in named]
-        process = process_of(model, named)
+        process = [k for k in process_of(model, named) if k in model.unbound]
         beside = Beside.of(model, process)
         done = [model.seen_in_all(signatures.done_um[effect]) for effect in named]
         residual = beside(model.residual + sum(done)) if done else beside(model.residual)
