@@ -19,7 +19,6 @@ from dlwpredict.diagnosis.answer.advise import (
     separation,
     simulated,
     simulator,
-    triangle_of,
     turned,
     viewed,
 )
@@ -71,7 +70,7 @@ def quiet():
 
 
 def now(fit_, members):
-    rows = triangle_of(present_columns(fit_, members), fit_.nuisances)
+    rows = fit_.nuisances.triangle(present_columns(fit_, members))
     return separation(rows, len(fit_.free.names)).sd
 
 
@@ -81,7 +80,7 @@ def test_separation_is_what_one_joint_fit_cannot_imitate():
     columns = [rng.normal(size=(n, 5)) for n in (40, 30)]
     own = [np.linalg.qr(rng.normal(size=(n, 3)))[0] for n in (40, 30)]
     beside = [Nuisances(Rows((len(q),), (0,), 0), (q,), (np.zeros((0, 3)),)) for q in own]
-    found = separation(np.vstack([triangle_of(c, n) for c, n in zip(columns, beside, strict=True)]), 3)
+    found = separation(np.vstack([n.triangle(c) for c, n in zip(columns, beside, strict=True)]), 3)
     nuisances = np.zeros((70, 6))
     nuisances[:40, :3], nuisances[40:, 3:] = own
     stacked = np.vstack(columns)
@@ -122,7 +121,7 @@ def test_short_lines_and_lost_flanks_are_told_apart_by_turning_the_sample(noisy)
 def test_the_same_once_more_unturned_would_not_do(noisy):
     """What the turn brings is not the second look alone."""
     members = [SHORT, FLANKS]
-    rows = triangle_of(present_columns(noisy, members), noisy.nuisances)
+    rows = noisy.nuisances.triangle(present_columns(noisy, members))
     again = Setup("again", 0, "Record it again", noisy.data[0].recording.target)
     repeated = separation(np.vstack([rows, simulator(noisy, members)(again, False)]), len(noisy.free.names)).sd
     assert repeated == pytest.approx(np.sqrt(2) * now(noisy, members), rel=0.05)
@@ -134,7 +133,7 @@ def test_no_turn_tells_a_lag_from_a_signed_slope_error(noisy):
     """Both are a shift, and a recording has no place of its own: what is left of either does not turn."""
     members = [LAG, SLOPE]
     assert now(noisy, members) < LEAST
-    rows = triangle_of(present_columns(noisy, members), noisy.nuisances)
+    rows = noisy.nuisances.triangle(present_columns(noisy, members))
     turned_by_180 = Setup("turned", 0, "Turn it", noisy.data[0].recording.target, view_turns=2)
     both = np.vstack([rows, simulator(noisy, members)(turned_by_180, False)])
     assert separation(both, len(noisy.free.names)).sd < LEAST
@@ -145,7 +144,7 @@ def test_no_turn_tells_a_lag_from_a_signed_slope_error(noisy):
 def test_the_expected_separation_is_what_a_full_refit_leaves(quiet):
     """Pads printed with vignetting and recorded without noise: the best that field curvature can do is as far off."""
     pads = next(setup for setup in new_designs(quiet) if setup.name == "pads")
-    rows = triangle_of(present_columns(quiet, [VIGNETTING, CURVATURE]), quiet.nuisances)
+    rows = quiet.nuisances.triangle(present_columns(quiet, [VIGNETTING, CURVATURE]))
     rows = np.vstack([rows, simulator(quiet, [VIGNETTING, CURVATURE])(pads, False)])
     expected = separation(rows, len(quiet.free.names))
     assert expected.pair == (0, 1)

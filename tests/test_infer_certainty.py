@@ -187,6 +187,11 @@ class TestHeldOut:
         assert bent.estimators.T @ bent.residual == pytest.approx([0.0, 0.3], abs=1e-9)
         assert held_out.blocks(bent, 2).rmse_um == pytest.approx(0.15, rel=1e-6)
 
+    def test_what_a_parameter_would_explain_beyond_its_range_is_not_foreseen(self):
+        fit = fit_of(ONE, np.full((SIDE, SIDE), 0.01), WHITE, FREE)
+        ended = replace(fit, free=replace(fit.free, high=fit.vector))
+        assert held_out.blocks(ended, 2).rmse_um == pytest.approx(0.01, rel=1e-9)
+
     def test_small_maps_are_not_cut_unless_they_must_be(self):
         fit = fit_of(ONE, np.zeros((SIDE, SIDE)), WHITE, FREE)
         assert held_out.blocks(fit) is None

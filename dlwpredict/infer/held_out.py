@@ -138,11 +138,11 @@ class _Linear:
 
     @classmethod
     def of(cls, fitted: Fit) -> _Linear:
-        rows, nuisances = fitted.rows, fitted.nuisances
-        first = np.cumsum([fitted.jacobian.shape[1], *(above.shape[1] for above in nuisances.above)])
+        rows, nuisances, moves = fitted.rows, fitted.nuisances, fitted.jacobian[:, fitted.unbound]
+        first = np.cumsum([moves.shape[1], *(above.shape[1] for above in nuisances.above)])
         nuisance_columns = tuple(slice(int(a), int(b)) for a, b in pairwise(first))
         matrix = np.zeros((rows.total, int(first[-1])))
-        matrix[:, : first[0]] = fitted.jacobian
+        matrix[:, : first[0]] = moves
         for k, columns in enumerate(nuisance_columns):
             matrix[rows.of(k), columns] = nuisances.above[k]
             matrix[rows.nuisance_priors(k), columns] = nuisances.below[k]
@@ -153,7 +153,7 @@ class _Linear:
         """Fit without the unseen rows and score on the test rows of recording k: µm² and points."""
         fitted, out = self.fitted, self.matrix[unseen]
         values, vectors = np.linalg.eigh(self.products - out.T @ out)
-        real = values > 1e-6 * values[-1]
+        real = values > 1e-6 * values.max(initial=0.0)
         right = self.right - out.T @ fitted.residual[unseen]
         moved = self.matrix @ (vectors[:, real] @ ((vectors[:, real].T @ right) / values[real]))
         if own_nuisances:

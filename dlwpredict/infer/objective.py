@@ -82,6 +82,11 @@ class Nuisances:
             left[prior] -= below @ along
         return left
 
+    def triangle(self, values: np.ndarray) -> np.ndarray:
+        """Return values (rows, columns) beside the nuisances as a triangle with the same scalar products."""
+        triangle: np.ndarray = np.linalg.qr(self.beside(values), mode="r")  # type: ignore[assignment]  # NumPy's stub
+        return triangle
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:

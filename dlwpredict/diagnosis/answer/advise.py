@@ -120,7 +120,7 @@ def advise(fitted: Fit, members: Sequence[Effect], *, setups: Sequence[Setup] | 
     if len(members) < 2:
         return None
     columns = present_columns(fitted, members)
-    present = triangle_of(columns, fitted.nuisances)
+    present = fitted.nuisances.triangle(columns)
     simulate = simulator(fitted, members)
     free = len(fitted.free.names)
 
@@ -168,12 +168,6 @@ def _left(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-6)[0]
 
 
-def triangle_of(columns: np.ndarray, nuisances: Nuisances) -> np.ndarray:
-    """Return columns beside nuisances as a triangle with the same scalar products."""
-    triangle: np.ndarray = np.linalg.qr(nuisances.beside(columns), mode="r")  # type: ignore[assignment]  # NumPy's stub
-    return triangle
-
-
 def present_columns(fitted: Fit, members: Sequence[Effect]) -> np.ndarray:
     """Return whitened derivatives and signatures on the present recordings, shape (rows, free + members)."""
     parameters, white = fitted.parameters, []
@@ -211,7 +205,7 @@ def simulator(fitted: Fit, members: Sequence[Effect]) -> Callable[[Setup, bool],
         changes = np.nan_to_num(seen[1:] - seen[0])
         changes[: len(widths)] /= widths[:, None, None]
         rows, nuisances = nuisances_of(item, np.nan_to_num(seen[0]))
-        return triangle_of(rows.stack([item.white(changes)]), nuisances)
+        return nuisances.triangle(rows.stack([item.white(changes)]))
 
     return simulate
 

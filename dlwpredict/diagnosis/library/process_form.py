@@ -86,8 +86,7 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
     seen = {name: model.seen_in_all(change) for name, change in done.items()}
     blocks = [np.column_stack([seen[name], model.jacobian[:, model.free.of_effect(name)]]) for name in named]
     parts = [model.jacobian[:, process], model.seen_in_all(maps), *blocks]
-    every = model.nuisances.beside(np.column_stack([*parts, model.residual + sum(seen.values())]))
-    rows = np.linalg.qr(every).R  # fewer, with the same scalar products
+    rows = model.nuisances.triangle(np.column_stack([*parts, model.residual + sum(seen.values())]))
     ends = np.cumsum([0, *(part.shape[1] for part in parts)])
     own, doubted, *effects = (rows[:, first:last] for first, last in pairwise(ends))
     reach = [end[process] for end in model.free.reach(model.vector)]

@@ -167,7 +167,7 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
     """Test whether every recording alone would give the same parameters; of one, every block of its map.
 
     To first order: the energy that parameters free per recording explain beyond the shared ones. None where there is
-    one recording of one block.
+    one recording of one block, and where no parameter can answer.
 
     Parameters
     ----------
@@ -175,7 +175,10 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
     draws : numpy.ndarray, shape (rows, draws)
         Of noise, beside the fit.
     """
-    columns = fitted.jacobian / np.maximum(np.linalg.norm(fitted.jacobian, axis=0), 1e-12)
+    moves = fitted.jacobian[:, fitted.unbound]
+    if not moves.size:
+        return None
+    columns = moves / np.maximum(np.linalg.norm(moves, axis=0), 1e-12)
     own = [columns[fitted.rows.of(k)] for k in range(len(fitted.data))]
     if len(own) == 1:
         parts = parts_of(fitted, 0)
