@@ -47,8 +47,6 @@ class Noise:
         Pitch, µm.
     smoothness : float
         ν: 0.5, 1.5, 2.5 or inf.
-    noise_from : str
-        How it was estimated.
     grain_um : float
         Standard deviation of the Gaussian that the white part's covariance is, µm; 0: it is white.
 
@@ -64,7 +62,6 @@ class Noise:
     dx_um: float
     dy_um: float
     smoothness: float = 1.5
-    noise_from: str = "given"
     grain_um: float = 0.0
 
     @property

@@ -128,7 +128,7 @@ def estimate(
     members = {(axis, order): on_lines(used, axis, order, ground.lean) for axis, order in ways}
     even = Evened(y, design, members, np.broadcast_to(ground.slope, used.shape)[used], lean=ground.lean)
     some = _some(every.own, SEARCHED_POINTS, draw)
-    start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um, noise_from=source)
+    start = Noise(1.0, 1.0, 3 * float(np.sqrt(np.prod(pitch_um))), *pitch_um)
     seen, model, place, by_kind = _searched(even, every, apart[some], start, *kinds)
     even, quiet = seen.even, _quiet(every.own, seen.near @ seen.left, used)
     if len(quiet) < len(y):
