@@ -167,18 +167,20 @@ class TestDerivatives:
         np.testing.assert_array_equal(again.jacobian, now.jacobian)
         assert objective.work.predictions == spent
 
-    @pytest.mark.parametrize(("change_um", "held"), [(0.02, True), (-0.02, False)])
-    def test_a_parameter_that_would_go_beyond_its_range_cannot_answer(self, air, printed, change_um, held):
-        """κ_max at the upper end: the top of a print that is higher asks for more than there is, a lower one does not.
+    @pytest.mark.parametrize("change_um", [0.02, -0.02])
+    @pytest.mark.parametrize(("end", "beyond"), [("high", 1), ("low", -1)])
+    def test_a_parameter_that_would_go_beyond_its_range_cannot_answer(self, air, printed, end, beyond, change_um):
+        """κ_max at an end: a print whose top is higher asks for more of it, a lower one for less.
 
-        At the end of its range it stands out of the tangents; a little below it, it is among them.
+        What would lie beyond the end stands out of the tangents; where the range goes on, it is among them.
         """
         shown = printed.with_heights(printed.heights_um + change_um * (printed.heights_um > 0))
         objective, free = objective_of(prepare(air, shown), known={}), choose(TRUTH, free=("shrinkage_max",))
-        for end, unbound in ((TRUTH.paper.shrinkage_max, [] if held else [0]), (TRUTH.paper.shrinkage_max + 0.01, [0])):
-            model = objective.differentiated(objective.at(replace(free, high=np.array([end])), free.start))
-            assert model.unbound == unbound
-            assert model.tangents.shape[1] == len(unbound)
+        value = TRUTH.paper.shrinkage_max
+        for place, held in ((value, change_um * beyond > 0), (value + 0.01 * beyond, False)):
+            model = objective.differentiated(objective.at(replace(free, **{end: np.array([place])}), free.start))
+            assert model.unbound == ([] if held else [0])
+            assert model.tangents.shape[1] == len(model.unbound)
 
     @pytest.mark.parametrize(("free_shift", "share"), [(False, 1e-9), (True, 0.01)])
     def test_beside_another_noise_they_are_what_they_would_be(self, air, printed, free_shift, share):
