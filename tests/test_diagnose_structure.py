@@ -320,6 +320,15 @@ class TestForms:
 
         assert p_value(0.2) > 0.01 and p_value(-0.2) < 1e-6
 
+    def test_what_is_held_at_an_end_of_its_range_is_no_disagreement(self, item, null):
+        """Both recordings push one parameter, the only one, beyond its end."""
+        ramp = np.tile(np.linspace(-1, 1, 70), 120)
+        fit = fitted(0.5 * ramp, item, item, jacobian=ramp[:, None])
+        ended = replace(fit, free=replace(fit.free, high=fit.vector))
+        assert (fit.unbound, ended.unbound) == ([0], [])
+        found = agreement(ended, Null(np.vstack([null.draws, null.draws[::-1]])).beside(ended))
+        assert (found.excess, found.p_value) == (0, 1)
+
     def test_blocks_of_one_recording_that_want_other_parameters_do_not_agree(self, null, noise):
         wide, small = (white_item(HeightMap(np.ones((60, 70)), pitch, pitch)) for pitch in (0.8, 0.4))
         ramp = np.tile(np.linspace(-1, 1, 70), 60)

@@ -159,7 +159,7 @@ class Beside:
 def _directions(products: np.ndarray) -> np.ndarray:
     """Return what makes an orthonormal basis of columns with these scalar products, shape (columns, directions)."""
     values, vectors = np.linalg.eigh(products)
-    real = values > SMALLEST * max(values[-1], SMALLEST)
+    real = values > SMALLEST * values.max(initial=SMALLEST)
     return vectors[:, real] / np.sqrt(values[real])
 
 
@@ -167,7 +167,7 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
     """Test whether every recording alone would give the same parameters; of one, every block of its map.
 
     To first order: the energy that parameters free per recording explain beyond the shared ones. None where there is
-    one recording of one block, and where no parameter can answer.
+    one recording of one block.
 
     Parameters
     ----------
@@ -176,8 +176,6 @@ def agreement(fitted: Fit, draws: np.ndarray) -> Energy | None:
         Of noise, beside the fit.
     """
     moves = fitted.jacobian[:, fitted.unbound]
-    if not moves.size:
-        return None
     columns = moves / np.maximum(np.linalg.norm(moves, axis=0), 1e-12)
     own = [columns[fitted.rows.of(k)] for k in range(len(fitted.data))]
     if len(own) == 1:
