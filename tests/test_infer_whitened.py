@@ -179,9 +179,18 @@ class TestNuisances:
         known = np.isfinite(sds)
         rows = np.diag(1 / np.array(sds))[known]
         stacked = np.vstack([columns, rows])
-        goal = np.concatenate([item.residual(heights), -rows @ item.known()])
+        goal = np.concatenate([item.columns(heights)[0], -rows @ item.known()])
         expected = np.linalg.lstsq(stacked, goal, rcond=None)[0]
         np.testing.assert_allclose(nuisances_fitted(item, heights).coefficients, expected, rtol=1e-5, atol=1e-9)
+
+    def test_of_levelling_only_what_is_free_has_columns(self):
+        target = designs.air(size_um=20, pitch_um=0.4, margin_um=2, seed=3)
+        item, free = item_of(target, target), ("offset", "tilt_y", "shift_x")
+        item = replace(item, recording=replace(item.recording, nuisances=free))
+        heights = predict(target, ParameterSet()).heights_um
+        maps, columns = item.nuisance_maps(heights), item.columns(heights)[1]
+        np.testing.assert_allclose(columns, item.white(maps), atol=1e-9)
+        np.testing.assert_allclose(maps[1], np.broadcast_to(2 * target.y_um[:, None] / target.size_um[1], target.shape))
 
     @pytest.mark.parametrize("start_um", [-1.2, -0.8, 0.6])
     def test_registration_never_leads_uphill(self, start_um):

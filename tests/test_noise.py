@@ -412,6 +412,20 @@ def test_offsets_of_rows_are_told_from_noise_that_is_wider_than_many_rows():
         assert part == pytest.approx(expected, rel=share)
 
 
+@pytest.mark.parametrize("times", [3, 10])
+def test_offsets_far_stronger_than_the_noise_are_found_at_their_size(times):
+    """Clipped about nothing, ten times the noise came out as four.
+
+    Beside such rows noise looks as if it were of another kind; what is left once they are known is of its own.
+    """
+    rng = np.random.default_rng(7)
+    offsets = 0.01 * times * rng.normal(size=(80, 1))
+    values = Noise(0.003, 0.01, 1.0, 0.4, 0.4, smoothness=0.5).simulate((80, 80), rng) + offsets
+    found = estimate(values, np.ones((80, 80), dtype=bool), (0.4, 0.4), np.ones((1, 80, 80))).model
+    assert found.row_um == pytest.approx(offsets.std(), rel=0.05)
+    assert found.even.smoothness == 0.5
+
+
 def test_whitening_is_undone(holes):
     """In raster order every point stands on those before it, so that the way back is a solve from the top."""
     slope = np.random.default_rng(7).random(holes.shape)

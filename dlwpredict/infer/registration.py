@@ -80,9 +80,7 @@ def registered(item: Whitened, predicted_um: np.ndarray) -> Registered:
 
 def nuisances_fitted(item: Whitened, predicted_um: np.ndarray) -> Registered:
     """Fit a recording's own nuisances, priors included, linearly about where it lies."""
-    measured = np.where(item.recording.used, item.recording.measured.heights_um, 0.0) - item.moved(predicted_um)
-    white = item.white(np.concatenate([measured[None], item.nuisance_maps(predicted_um)]))
-    residual, columns = white[:, 0], white[:, 1:]
+    residual, columns = item.columns(predicted_um)
     bounded = priors.bounded(item.nuisances)
     prior = np.zeros((len(bounded), len(item.nuisances)))
     prior[range(len(bounded)), bounded] = 1 / item.recording.left_open[bounded]

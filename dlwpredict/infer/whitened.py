@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from dlwpredict.heightmap import HeightMap
-from dlwpredict.infer.priors import LATERAL, SCALES, SHIFTS
+from dlwpredict.infer.priors import LATERAL, LEVELLING, SCALES, SHIFTS
 from dlwpredict.infer.recording import Recording
 from dlwpredict.noise.unevenness import Uneven
 from dlwpredict.noise.whitening import Whitener
@@ -75,6 +75,13 @@ def displacements(grid: HeightMap) -> np.ndarray:
     return np.array([(ones, zeros), (zeros, ones), (-y, x), (x, zeros), (zeros, y), (y, zeros)])
 
 
+def levels(grid: HeightMap) -> np.ndarray:
+    """Return what the nuisances of levelling do, µm at half the map's size, shape (levelling, rows, cols)."""
+    half_x, half_y = (size / 2 for size in grid.size_um)
+    tilts = np.broadcast_arrays(grid.x_um / half_x, grid.y_um[:, None] / half_y)
+    return np.stack([np.ones(grid.shape), *tilts])
+
+
 PLACE = (*SHIFTS, *SCALES)
 """Nuisances that may be followed along their path."""
 
@@ -93,6 +100,8 @@ class Whitened:
     noise : Uneven
     whitener : Whitener
         Turns values at the used points into independent ones of variance 1.
+    levelling : numpy.ndarray, shape (points, levelling)
+        What levelling does, whitened.
     slope : numpy.ndarray, shape (rows, cols), or 0
         |∇f| of the surface, where the noise hangs on it.
     place : tuple of float
@@ -103,6 +112,7 @@ class Whitened:
     recording: Recording
     noise: Uneven
     whitener: Whitener = field(repr=False)
+    levelling: np.ndarray = field(repr=False)
     slope: np.ndarray | float = field(default=0.0, repr=False)
     place: tuple[float, float, float, float] = UNMOVED
 
@@ -114,7 +124,8 @@ class Whitened:
         slope: np.ndarray | float = 0.0,
     ) -> Whitened:
         """Build the whitener of a recording."""
-        return cls(recording, noise, Whitener.of(recording.used, noise, slope), slope=slope)
+        whitener = Whitener.of(recording.used, noise, slope)
+        return cls(recording, noise, whitener, whitener @ levels(recording.target)[:, recording.used].T, slope)
 
     @property
     def nuisances(self) -> tuple[str, ...]:
@@ -141,28 +152,36 @@ class Whitened:
         maps_um = self.recording.across_walls(self._means(maps_um))
         return shifted(maps_um, self.recording.target, self.place)
 
-    def residual(self, predicted_um: np.ndarray) -> np.ndarray:
-        """Whiten recording − prediction, shape (points,)."""
-        measured = self.recording.measured.heights_um
-        return self.white(np.where(self.recording.used, measured, 0.0) - self.moved(predicted_um))
-
     def nuisance_maps(self, predicted_um: np.ndarray) -> np.ndarray:
-        """Return the nuisance columns as maps (nuisance, rows, cols), in the order of `nuisances`.
+        """Return the nuisance columns as maps (nuisances, rows, cols), in the order of `nuisances`."""
+        levelling = levels(self.recording.target)[[name in self.nuisances for name in LEVELLING]]
+        return np.concatenate([levelling, self.shown(predicted_um)[1]])
 
-        The lateral ones are −∇f·u for their displacements u.
+    def shown(self, predicted_um: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return a prediction where registration has put it, and what its lateral nuisances do to it there.
+
+        These are −∇f·u for their displacements u; no wall is read.
+
+        Returns
+        -------
+        numpy.ndarray, shapes (rows, cols) and (lateral nuisances, rows, cols)
         """
-        grid = self.recording.target
-        _, right, up = self._shifted(predicted_um)
-        half_x, half_y = (size / 2 for size in grid.size_um)
-        columns = {
-            "offset": np.ones(grid.shape),
-            "tilt_x": np.broadcast_to(grid.x_um / half_x, grid.shape),
-            "tilt_y": np.broadcast_to(grid.y_um[:, None] / half_y, grid.shape),
-        }
-        fields = zip(LATERAL, displacements(grid), strict=True)
-        columns |= {name: -across * right - upwards * up for name, (across, upwards) in fields}
-        chosen = [columns[name] for name in self.nuisances]
-        return np.stack(chosen) if chosen else np.zeros((0, *grid.shape))
+        moved, right, up = self._shifted(predicted_um)
+        fields = zip(LATERAL, displacements(self.recording.target), strict=True)
+        maps = [-across * right - upwards * up for name, (across, upwards) in fields if name in self.nuisances]
+        return moved, np.array(maps).reshape(-1, *moved.shape)
+
+    def columns(self, predicted_um: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the whitened residual (points,) and nuisance columns (points, nuisances).
+
+        Those of levelling are the same for every prediction, and are whitened once.
+        """
+        recording = self.recording
+        moved, lateral = self.shown(predicted_um)
+        left_um = np.where(recording.used, recording.measured.heights_um, 0.0) - moved
+        white = self.white(np.concatenate([left_um[None], lateral]))
+        levelling = self.levelling[:, [name in self.nuisances for name in LEVELLING]]
+        return white[:, 0], np.column_stack([levelling, white[:, 1:]])
 
     def known(self) -> np.ndarray:
         """Return how much of each nuisance is in the prediction already, shape (nuisances,)."""

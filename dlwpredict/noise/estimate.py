@@ -133,10 +133,9 @@ def estimate(
     even, quiet = seen.even, _quiet(every.own, seen.near @ seen.left, used)
     if len(quiet) < len(y):
         likelihood = Likelihood.of(even, apart[_some(quiet, SEARCHED_POINTS, draw)], model)
-        same = (model.smoothness,), (model.grain_um / model.pitch_um,)
-        again = kinds if len(y) - len(quiet) > SPIKY * len(y) else same
-        model, place, anew = most_likely(likelihood, model, *again)
-        by_kind = by_kind if again is same else anew
+        spiky = len(y) - len(quiet) > SPIKY * len(y)
+        model, place, anew = most_likely(likelihood, model, *(kinds if spiky else same_kind(model)))
+        by_kind = anew if spiky else by_kind
     likelihood = Likelihood.of(even, apart[_some(quiet, MOST_POINTS, draw)], model)
     places, centre = repeated(likelihood, used, even, model, place[:2], draw)
     place = places[0] - np.clip(places[1:].mean(axis=0) - centre, -1, 1)
@@ -161,20 +160,32 @@ def _searched(
     kinds: Sequence[float],
     grains_px: Sequence[float],
 ) -> tuple[Seen, Noise, np.ndarray, dict[float, float]]:
-    """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds."""
+    """Return values made even and whitened, the most likely model of some of their points, its place, and the kinds.
 
-    def likeliest(even: Evened, like: Noise) -> tuple[sparse.csr_array, Noise, np.ndarray, dict[float, float]]:
-        model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, kinds, grains_px)
+    In which ways lines and slopes are uneven is told by the kind of correlation that was found first. Which kind it is
+    beside them is asked in the end.
+    """
+
+    def likeliest(
+        even: Evened, like: Noise, *kinds: Sequence[float]
+    ) -> tuple[sparse.csr_array, Noise, np.ndarray, dict[float, float]]:
+        model, place, by_kind = most_likely(Likelihood.of(even, chosen, like), like, *kinds)
         return every.whitener(model), model, place, by_kind
 
-    near, model, place, by_kind = likeliest(even, like)
+    first = even
+    near, model, place, by_kind = likeliest(even, like, kinds, grains_px)
     while (evened := _more_even(even, near)) is not even:
         even = evened
-        near, model, place, by_kind = likeliest(even, model)
-    if even.ways:  # what lines have had was in the whitener that first told them
-        even = even.resized(near)
-        near, model, place, by_kind = likeliest(even, model)
+        near, model, *_ = likeliest(even, model, *same_kind(model))
+    if even is not first:
+        even = even.resized(near) if even.ways else even  # what lines have had was in the whitener that told them
+        near, model, place, by_kind = likeliest(even, model, kinds, grains_px)
     return even.seen(near), model, place, by_kind
+
+
+def same_kind(model: Noise) -> Kinds:
+    """Return the kind of correlation and the grain of a model, as all that is tried."""
+    return (model.smoothness,), (model.grain_um / model.pitch_um,)
 
 
 def _more_even(even: Evened, near: sparse.csr_array) -> Evened:

@@ -18,6 +18,9 @@ Way = tuple[int, int]
 OUTLYING = 4.0
 """Whitened values are clipped here, so that no spike passes for what it lies on."""
 
+CLIPPED, SETTLED = 30, 0.1
+"""Values are clipped anew about what lines have at most so often, until that moves by less, in standard deviations."""
+
 JITTERS = 0.05, 50.0
 """Jitter, in standard deviations of the noise on flat ground, that is looked for."""
 
@@ -201,11 +204,24 @@ class Seen:
         return _likeliest(gain, OFFSETS_UM)
 
     def products(self, way: Way) -> tuple[np.ndarray, np.ndarray]:
-        """Return AᵀA (lines, lines) and Aᵀw (lines,) of whitened lines and values, beside the design."""
-        white = np.clip(self.near @ self.left, -OUTLYING, OUTLYING)
-        along = self.near @ self.even.lines(way)
-        shared = along.T @ self.basis
-        return (along.T @ along).toarray() - shared @ shared.T, along.T @ white - shared @ (self.basis.T @ white)
+        """Return AᵀA (lines, lines) and Aᵀw (lines,) of whitened lines and values, beside the design.
+
+        Values are clipped about what the lines have of them: Huber's modified residuals (Robust Statistics, 1981, 7.8).
+        About nothing, offsets of ten times the noise would be clipped to half of what they are.
+        """
+        along, white = self.near @ self.even.lines(way), self.near @ self.left
+        shared, taken = along.T @ self.basis, np.zeros(len(white))
+        matrix = (along.T @ along).toarray() - shared @ shared.T
+        open_ends = 1e-9 * matrix.diagonal().max(initial=1e-300) * np.eye(len(matrix))  # what the design holds as well
+        factor = linalg.cho_factor(matrix + open_ends)
+        for _ in range(CLIPPED):
+            clipped = taken + np.clip(white - taken, -OUTLYING, OUTLYING)
+            right = along.T @ clipped - shared @ (self.basis.T @ clipped)
+            offsets, before = linalg.cho_solve(factor, right), taken
+            taken = along @ offsets - self.basis @ (shared.T @ offsets)
+            if np.abs(taken - before).max() < SETTLED:
+                break
+        return matrix, right
 
     def jitter(self, power: float) -> Unevenness:
         """Estimate how noise grows on slopes, in standard deviations of the noise on flat ground.
