@@ -147,11 +147,11 @@ class Beside:
             Beside the fit.
         """
         rows, squares = self.fitted.rows, np.zeros(1 + noise.shape[1])
-        both = np.column_stack([self.fitted.residual, noise])
         for k, (item, columns) in enumerate(zip(self.fitted.data, self.blocks, strict=True)):
             forms = item.whitener.solve(columns)
             forms /= np.maximum(np.linalg.norm(forms, axis=0), 1e-12)
-            along = forms.T @ item.whitener.solve(both[rows.of(k)])
+            both = np.column_stack([self.fitted.residual[rows.of(k)], noise[rows.of(k)]])
+            along = forms.T @ item.whitener.solve(both)
             squares += np.sum((_directions(forms.T @ forms).T @ along) ** 2, axis=0)
         return float(np.sqrt(max(squares[0] - squares[1:].mean(), 0.0) / rows.data))
 
