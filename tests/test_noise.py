@@ -426,6 +426,16 @@ def test_offsets_far_stronger_than_the_noise_are_found_at_their_size(times):
     assert found.even.smoothness == 0.5
 
 
+@pytest.mark.parametrize("shape", [(200, 3), (3, 200)])
+def test_lines_that_a_design_holds_whole_are_none(shape):
+    """Of three lines, each with a column of its own in the design, nothing is left but rounding."""
+    values = Noise(0.003, 0.01, 1.0, 0.4, 0.4).simulate(shape, np.random.default_rng(0))
+    axis = int(np.argmin(shape))
+    design = np.stack([np.moveaxis(np.broadcast_to(one[:, None], (3, 200)), 0, axis) for one in np.eye(3)])
+    found = estimate(values, np.ones(shape, dtype=bool), (0.4, 0.4), design).model
+    assert (found.row_um if axis == 0 else found.column_um) == 0
+
+
 def test_whitening_is_undone(holes):
     """In raster order every point stands on those before it, so that the way back is a solve from the top."""
     slope = np.random.default_rng(7).random(holes.shape)

@@ -211,9 +211,10 @@ class Seen:
         """
         along, white = self.near @ self.even.lines(way), self.near @ self.left
         shared, taken = along.T @ self.basis, np.zeros(len(white))
-        matrix = (along.T @ along).toarray() - shared @ shared.T
-        open_ends = 1e-9 * matrix.diagonal().max(initial=1e-300) * np.eye(len(matrix))  # what the design holds as well
-        factor = linalg.cho_factor(matrix + open_ends)
+        whole = (along.T @ along).toarray()
+        matrix = whole - shared @ shared.T
+        open_ends = 1e-9 * whole.diagonal().max(initial=1e-300)  # the design may hold lines whole
+        factor = linalg.cho_factor(matrix + open_ends * np.eye(len(matrix)))
         for _ in range(CLIPPED):
             clipped = taken + np.clip(white - taken, -OUTLYING, OUTLYING)
             right = along.T @ clipped - shared @ (self.basis.T @ clipped)
