@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from dlwpredict import designs
+from dlwpredict.diagnosis import run
+from dlwpredict.diagnosis.library import signatures
 from dlwpredict.diagnosis.library.candidates import candidates
 from dlwpredict.diagnosis.library.seams import _Beyond, seams
 from dlwpredict.effects import library
@@ -44,6 +46,24 @@ def test_a_seam_is_looked_for_along_both_axes_and_lies_within_a_pixel(kind, angl
     place = next(one["seam_um"] for one in found.settings if one["angle_deg"] == angle_deg)
     assert place == pytest.approx(seam_um, abs=PITCH_UM)
     assert found.price == pytest.approx(2 * np.log(found.tried)) and found.tried > 80
+
+
+@pytest.mark.slow
+def test_a_seam_hidden_by_a_stronger_effect_is_looked_for_again_beside_it(monkeypatch):
+    """A first fit leaves most of the dose that a part's own writing adds: what looks like a seam there is none."""
+    few = {"dose-memory", "stitching"}
+    monkeypatch.setattr(signatures, "candidates", lambda *of: [one for one in candidates(*of) if one.name in few])
+    first, seam_um = [], -3.0
+    monkeypatch.setattr(run, "seams", lambda fit: first.append(seams(fit)) or first[-1])
+    kinds, target = library(), designs.air(size_um=24, pitch_um=PITCH_UM, margin_um=4, seed=3)
+    memory, seam = kinds["dose-memory"](gain=0.05), kinds["stitching"](step_um=-0.02, seam_um=seam_um)
+    printed = predict(target, ParameterSet(effects=(memory, seam))).heights_um
+    noise = Noise(0.004, 0.0, 1.0, PITCH_UM, PITCH_UM).simulate(target.shape, np.random.default_rng(1))
+    found = run.diagnose([prepare(target, target.with_heights(printed + noise))], ParameterSet())
+    assert abs(first[0].settings[0]["seam_um"] - seam_um) > 2 * PITCH_UM
+    assert [one.names for one in found.named] == [["dose-memory"], ["stitching"]]
+    assert found.named[1].effect.seam_um == pytest.approx(seam_um, abs=PITCH_UM)
+    assert found.named[1].effect.step_um == pytest.approx(-0.02, abs=0.004)
 
 
 def test_sums_behind_a_place_are_those_of_its_points():

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.candidates import Placed
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds, thresholds
+from dlwpredict.diagnosis.library.seams import seams
 from dlwpredict.diagnosis.library.signatures import Signatures
+from dlwpredict.infer.baseline import beside_white
 from dlwpredict.infer.fitter import Fitter, Start
 from dlwpredict.infer.model import Key, effect_of, key_of, lacking, on, switched
 from dlwpredict.infer.null import Null
@@ -32,8 +33,6 @@ class Refits:
     baseline : Fit
     signatures : dict
         Signatures by the model that they were taken at: they outlive a noise model.
-    places : mapping of str to sequence of dict
-        Where an effect may sit.
     place_price : dict
         Name to what choosing its place costs, 2 ln L.
     fitted : dict
@@ -48,7 +47,6 @@ class Refits:
     null: Null
     baseline: Fit
     signatures: dict[Key, Signatures]
-    places: Placed = field(default_factory=dict)
     place_price: dict[str, float] = field(default_factory=dict)
     fitted: dict[Names, Fit] = field(default_factory=dict)
     spread: dict[str, float] = field(default_factory=dict)
@@ -114,13 +112,17 @@ class Refits:
         return self.screens[names]
 
     def linearised(self, names: Names) -> Linearised:
-        """Linearise about the best fit of a set; signatures are taken there once."""
+        """Linearise about the best fit of a set; signatures are taken there once.
+
+        And so are places: beside a stronger effect that is not known yet, a seam is looked for where that changes most.
+        """
         model, key = self.fitted[names], self.key(names)
         if key not in self.signatures:
             objective = self.fitter.objective
             for earlier in self.signatures.keys() - {self.key(frozenset())}:
                 del self.signatures[earlier]  # they are large, and a model that was left is seldom come back to
-            self.signatures[key] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers, self.places)
+            places = seams(beside_white(model)).placed
+            self.signatures[key] = Signatures.of(model, sorted(names), objective.work, self.fitter.workers, places)
         screen = Linearised.of(self.signatures[key], model, self.null, self.fitter.objective)
         for k in np.argsort(np.abs(screen.z), kind="stable"):
             self.spread[screen.chosen[k].name] = float(screen.spread[k])

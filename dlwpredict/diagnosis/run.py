@@ -132,8 +132,7 @@ def diagnose(
     objective = Objective(first.data, PARAMETERS, work)
     tell(Stage.of("signatures", "what each named effect would change"))
     found = seams(first)
-    places = {"stitching": found.settings} if found.settings else {}
-    signatures = {key_of(first.free): Signatures.of(first, (), work, workers, places)}
+    signatures = {key_of(first.free): Signatures.of(first, (), work, workers, found.placed)}
     slopes = [steepness(one.heights_um, r.target) for one, r in zip(first.traces, recordings, strict=True)]
     designs = _designs(first, signatures[key_of(first.free)], objective)
 
@@ -157,7 +156,7 @@ def diagnose(
             baseline = fitter.best(Start(first.parameters, settled=bool(rounds or left_out)))
             null = Null.of(baseline.data, fitter.objective.rows, noise, seed, workers=workers)
             judge = Judge(recordings, noise, baseline, fitter, null, apart, left_out)
-            search = Search(fitter, null, baseline, signatures, places, {"stitching": found.price})
+            search = Search(fitter, null, baseline, signatures, {"stitching": found.price})
             keep(judge.answer(search, frozenset(), complete=False))
             tell(Stage.of("refits", "refitting the leading sets of effects"))
             search.begin_with(ended)

@@ -136,6 +136,11 @@ def rewhitened(fit: Fit, objective: Objective) -> Fit:
     return replace(now, jacobian=jacobian)
 
 
+def beside_white(fit: Fit) -> Fit:
+    """Return a fit with its derivatives beside white noise, as strong in every recording as what it leaves there."""
+    return rewhitened(fit, Objective(_whitened([item.recording for item in fit.data], _left(fit))))
+
+
 def _white(
     recordings: Sequence[Recording],
     sigmas: Sequence[float],

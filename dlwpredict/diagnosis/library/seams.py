@@ -1,4 +1,4 @@
-"""Where a seam may be: the places that explain most of the residual of a first fit, one across x and one across y.
+"""Where a seam may be: the places that explain most of what a fit leaves, one across x and one across y.
 
 A block behind a seam is changed as all of the part would be, so that what stands behind any seam is a sum over pixel
 lines: all places are looked at in one pass.
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlwpredict.diagnosis.library.candidates import NOWHERE, Placed
 from dlwpredict.effects.stitching import Stitching, across
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.objective import Fit
@@ -46,6 +47,11 @@ class Seams:
     def price(self) -> float:
         """2 ln L that a seam must gain besides: every place was as likely beforehand."""
         return 2 * float(np.log(max(self.tried, 1)))
+
+    @property
+    def placed(self) -> Placed:
+        """The places of `stitching`; those of a part too small for any are its own default."""
+        return {Stitching.name: self.settings} if self.settings else NOWHERE
 
 
 def seams(fit: Fit) -> Seams:
