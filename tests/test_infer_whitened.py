@@ -19,9 +19,9 @@ from dlwpredict.infer.noises import plane
 from dlwpredict.infer.null import Null
 from dlwpredict.infer.objective import Fit, Nuisances, Objective
 from dlwpredict.infer.objective import step as step_of
-from dlwpredict.infer.priors import LEVELLING, NUISANCES, bounded
+from dlwpredict.infer.priors import LEVELLING, NUISANCES, SHIFTS, bounded
 from dlwpredict.infer.recording import coarser, doubted, prepare
-from dlwpredict.infer.registration import nuisances_fitted, registered
+from dlwpredict.infer.registration import Registered, nuisances_fitted, registered
 from dlwpredict.infer.rows import Rows
 from dlwpredict.infer.whitened import STEEPEST, Whitened, displacements, gradient, shifted, steepness
 from dlwpredict.noise.covariance import Noise
@@ -36,6 +36,17 @@ NOISE = Noise(0.002, 0.004, 1.0, 0.4, 0.4)
 
 def item_of(target: HeightMap, measured: HeightMap, wall_px: int = 3) -> Whitened:
     return Whitened.of(doubted(prepare(target, measured, wall_px=wall_px)), Uneven(NOISE))
+
+
+def sampled(fine: np.ndarray, right: int = 0, up: int = 0) -> np.ndarray:
+    """Return every fourth height of a map that is displaced by so many of its pixels."""
+    rows, cols = (slice(16 + first, n - 16 + first, 4) for first, n in zip((up, -right), fine.shape, strict=True))
+    return fine[rows, cols]
+
+
+def deviations_of_shift(found: Registered) -> np.ndarray:
+    """Return the standard deviations of a shift along x and y, µm."""
+    return np.linalg.norm(found.spread[[found.item.nuisances.index(name) for name in SHIFTS]], axis=1)
 
 
 class TestShift:
@@ -138,11 +149,24 @@ class TestNuisances:
         target = designs.air(size_um=20, pitch_um=0.4, margin_um=4, seed=3)
         heights = predict(target, ParameterSet()).heights_um
         moved = shifted(heights, target, (1.1, -0.7, 0, 0))[0]
-        known = registered(item_of(target, target.with_heights(moved)), heights)
-        assert known.item.place[:2] == pytest.approx((1.1, -0.7), abs=0.001)
         away = registered(item_of(target, target.with_heights(moved), wall_px=6), heights)
         assert away.item.place[:2] == pytest.approx((1.1, -0.7), abs=1e-4)
         assert np.mean(away.residual**2) < 1e-4
+
+    @pytest.mark.parametrize(
+        ("kind", "shape", "moved"),
+        [("stairs", {"size_um": 22, "feature_um": 2.5, "count": 3}, (1, 0)), ("air", {"size_um": 20}, (11, -7))],
+    )
+    def test_beside_walls_a_part_is_registered_as_well_as_elsewhere(self, kind, shape, moved):
+        """Printed on fine pixels and displaced by whole ones; treads of six pixels are all beside walls."""
+        fine = getattr(designs, kind)(**shape, pitch_um=0.1, margin_um=4)
+        printed = predict(fine, ParameterSet()).heights_um
+        target, seen_um = HeightMap(sampled(fine.heights_um), 0.4, 0.4), sampled(printed, *moved)
+        found = registered(item_of(target, target.with_heights(seen_um)), sampled(printed))
+        off_um = np.subtract(found.item.place[:2], np.multiply(moved, 0.1))
+        left_um = (seen_um - found.item.moved(sampled(printed)))[found.item.recording.used]
+        assert np.all(np.abs(off_um) < deviations_of_shift(found))
+        assert np.sqrt(np.mean(left_um**2)) < 0.001
 
     def test_a_scale_is_followed_where_an_alignment_may_have_taken_the_print_s(self):
         """A part that is 1.2 % narrower than its prediction; a scale within the certificate is taken to first order."""
