@@ -212,6 +212,9 @@ class Toy(Search):
     def without(self, names, name):
         return self.fitted[names - {name}]
 
+    def excused(self, best, rivals):
+        return {names: 0.0 for names in rivals}
+
 
 def search(gains, cost=1000.0, **spread):
     """Return a search that has fitted these sets; names of effects by number."""
@@ -625,6 +628,31 @@ class TestClasses:
     def test_hold_what_an_unnamed_rest_may_have_put_behind(self, left, names):
         (one,) = named_in(search({CURL: 100.0, DARK: 72.0}), frozenset(CURL), left)
         assert one.names == names
+
+    def test_hold_what_the_form_of_the_process_may_have_put_behind(self):
+        """Of a gain of 100 half may be form: what is 45 behind is asked, what is 80 behind is not."""
+        found, asked = search({CURL: 100.0, DARK: 55.0, FIELD: 20.0}), []
+        found.stood = {frozenset(CURL): (found.fitted[frozenset(CURL)], {"curl": 0.5})}
+        found.excused = lambda best, rivals: asked.extend(rivals) or dict.fromkeys(rivals, 40.0)
+        (one,) = named_in(found, frozenset(CURL), 0.0)
+        assert asked == [frozenset(DARK)]
+        assert one.names == ["curl", "vignetting"] and one.members[1].loss == pytest.approx(5)
+
+    def test_what_form_may_have_put_behind_is_asked_once_for_two_fits(self, monkeypatch):
+        found, asked = search({CURL: 100.0, DARK: 55.0}), []
+        best, rival = frozenset(CURL), frozenset(DARK)
+
+        def excused(model, rivals, objective):
+            asked.append((model, *rivals))
+            return [3.0] * len(rivals)
+
+        monkeypatch.setattr("dlwpredict.diagnosis.search.excused", excused)
+        found.fitter = SimpleNamespace(objective=SimpleNamespace(whole=lambda fit: fit))
+        assert [Search.excused(found, best, [rival]) for _ in range(2)] == [{rival: 3.0}] * 2
+        assert asked == [(found.fitted[best], found.fitted[rival])]
+        found.fitted[rival] = found.fitted[frozenset()]
+        assert Search.excused(found, best, [rival]) == {rival: 3.0}
+        assert asked[1:] == [(found.fitted[best], found.fitted[frozenset()])]
 
     def test_a_slot_holds_what_stands_in_its_place_alone(self):
         found = search(

@@ -7,7 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.process_form import doubts, standing
+from dlwpredict.diagnosis.library.process_form import doubts, excused, standing
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose, with_values
 from dlwpredict.infer.model import freed
@@ -93,6 +93,28 @@ def test_no_process_is_as_wrong_as_a_strong_effect_would_have_it(part, monkeypat
     monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [alike[np.newaxis]])
     share_of_gain = standing(model, ["astigmatism"], objective)["astigmatism"]
     assert share_of_gain > 0.7 if stands else share_of_gain == 0.0
+
+
+@pytest.mark.parametrize(("share", "all_of_it"), [(0.5, True), (0.02, False)])
+def test_a_rival_is_excused_what_the_form_of_the_process_may_have_made(part, monkeypatch, share, all_of_it):
+    """The print of one model, and another one: what they differ by is a doubt of 2 standard deviations, or of 50.
+
+    Of 50 there are 3 at most, which take 1 − (47/50)², 12 %; an error of form may have 1.6 times as much.
+    """
+    turned = replace(TRUTH, effects=(library()["astigmatism"](log_ratio=0.2),))
+    shown = predict(part, turned).heights_um
+    model, objective = model_of(part, shown, turned)
+    rival, _ = model_of(part, shown, TRUTH)
+    alike = share * (shown - predict(part, TRUTH).heights_um)
+    monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [alike[np.newaxis]])
+    (part_of_it,) = excused(model, [rival], objective)
+    if all_of_it:
+        assert part_of_it > rival.cost - model.cost
+    else:
+        assert part_of_it < 0.2 * (rival.cost - model.cost)
+    assert excused(model, [model], objective) == pytest.approx([0.0], abs=0.1)
+    monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [])
+    assert excused(model, [rival], objective) == [0.0]
 
 
 @pytest.mark.parametrize(("end", "share"), [("low", 1.0), ("high", 0.0)])

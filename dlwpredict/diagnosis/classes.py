@@ -89,7 +89,8 @@ def named_in(search: Search, best: Names, left: float) -> list[Named]:
     """Return the slots of the best set, the strongest first.
 
     A class is the smallest set of names that holds `policy.CREDIBLE` of the probability of a slot, all other slots
-    being as they are. Costs count in units of the slot's width (`Search.width`).
+    being as they are. Costs count in units of the slot's width (`Search.width`), but for what the process's own form
+    may have made of them.
 
     Parameters
     ----------
@@ -109,6 +110,10 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
         if len(names) == len(best) and len(names - best) == 1 and best - names == {name}:
             rivals[next(iter(names - best))] = rival
     losses = {member: max(search.priced(rival) - search.priced(fit), 0.0) for member, rival in rivals.items()}
+    limit = gain - search.surely(best, name) + width * policy.WIDTH  # the form has no more of any
+    near = {best - {name} | {one}: one for one, loss in losses.items() if one != name and loss <= limit}
+    for names, part in search.excused(best, near).items():
+        losses[near[names]] = max(losses[near[names]] - part, 0.0)
     weights = {member: float(np.exp(-loss / width / 2)) for member, loss in losses.items()}
     whole, held, members = sum(weights.values()), 0.0, []
     for member in sorted(weights, key=lambda member: -weights[member]):

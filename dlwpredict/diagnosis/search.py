@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.process_form import standing
+from dlwpredict.diagnosis.library.process_form import excused, standing
 from dlwpredict.diagnosis.library.score import Linearised
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.refits import Names, Refits
@@ -30,9 +30,12 @@ class Search(Refits):
     ----------
     stood : dict
         Fits of sets, and the share of each name's gain that stands beside the doubts about the process's own form.
+    excuses : dict
+        Fits of two sets, and what the process's own form may have of the distance between them.
     """
 
     stood: dict[Names, tuple[Fit, dict[str, float]]] = field(default_factory=dict)
+    excuses: dict[tuple[Names, Names], tuple[Fit, Fit, float]] = field(default_factory=dict)
 
     def begin_with(self, earlier: Iterable[Start]) -> None:
         """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
@@ -147,6 +150,16 @@ class Search(Refits):
         """Return the part of a gain that the process's own form cannot have; all of it of a set not looked at yet."""
         _, shares = self.stood.get(names, (None, {}))
         return shares.get(name, 1.0) * self.gain(names, name)
+
+    def excused(self, best: Names, rivals: Iterable[Names]) -> dict[Names, float]:
+        """Return how much of what rivals cost more than a set the process's own form may have made."""
+        objective, fits, fit = self.fitter.objective, {names: self.fitted[names] for names in rivals}, self.fitted[best]
+        unknown = [one for one in fits if self.excuses.get((best, one), ())[:2] != (fit, fits[one])]
+        if unknown:
+            whole = [objective.whole(one) for one in (fit, *(fits[names] for names in unknown))]
+            for names, part in zip(unknown, excused(whole[0], whole[1:], objective), strict=True):
+                self.excuses[best, names] = fit, fits[names], part
+        return {names: self.excuses[best, names][2] for names in fits}
 
     def _has_stood(self, names: Names) -> bool:
         """Tell whether the doubts about the process's own form were asked of a set where it is fitted, or very near."""

@@ -1,4 +1,4 @@
-"""What the process's own form may be wrong by, and how much of a name's gain stands beside it.
+"""What the process's own form may be wrong by: how much of a name's gain stands beside it, and what a rival is excused.
 
 The widths of cross-linking are means: radicals reach differently far, and no distribution of reaches is one Gaussian. A
 spread of relative size s changes a print by ½ s² ∂²h/∂(ln w)², whatever its cause: tails, kinetics of conversion, two
@@ -100,9 +100,46 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
     shares = {}
     for k, name in enumerate(named):
         bare, in_doubt = left(effects[:k] + effects[k + 1 :])
-        sure = in_doubt - both - policy.UNDOUBTED * (bare - in_doubt)
+        sure = bare - with_it - _of_form(bare - in_doubt, with_it - both)
         shares[name] = float(np.clip(sure / (bare - with_it), 0, 1)) if bare > with_it else 1.0
     return shares
+
+
+def excused(model: Fit, rivals: Sequence[Fit], objective: Objective) -> list[float]:
+    """Return how much of what each rival costs more than a model the process's form may have made, 2 ln L.
+
+    As of the gain of a name beside none. To first order; parameters stay within their ranges, and beside rivals the
+    same is doubted as beside the model.
+
+    Parameters
+    ----------
+    model : Fit
+        Converged, with derivatives.
+    rivals : sequence of Fit
+        With derivatives.
+    objective : Objective
+    """
+    if not (maps := doubts(model, objective)):
+        return [0.0] * len(rivals)
+    own, *others = (_doubted_of(fit, maps) for fit in (model, *rivals))
+    return [max(_of_form(other, own), 0.0) for other in others]
+
+
+def _of_form(beside_other: float, beside_model: float) -> float:
+    """Return what an error of form may have of the distance between two models, by what the doubts explain beside each.
+
+    Beside the worse one it explains what they do, and the share of that which it leaves them.
+    """
+    return (1 + policy.UNDOUBTED) * beside_other - beside_model
+
+
+def _doubted_of(model: Fit, maps: Sequence[np.ndarray]) -> float:
+    """Return the 2 ln L of what a model leaves that doubts explain."""
+    count = len(model.vector)
+    rows = model.nuisances.triangle(np.column_stack([model.jacobian, model.seen_in_all(maps), model.residual]))
+    own, doubted, reach = rows[:, :count], rows[:, count:-1], model.free.reach(model.vector)
+    bare, in_doubt = (_left(rows[:, -1], own[:, :0], own, reach, some) for some in (doubted[:, :0], doubted))
+    return bare - in_doubt
 
 
 def _left(
