@@ -213,7 +213,7 @@ class Toy(Search):
         return self.fitted[names - {name}]
 
     def excused(self, best, rivals):
-        return {names: 0.0 for names in rivals}
+        return dict.fromkeys(rivals, 0.0)
 
 
 def search(gains, cost=1000.0, **spread):

@@ -132,6 +132,11 @@ class Whitened:
         """Names of the nuisances that are free."""
         return self.recording.nuisances
 
+    @property
+    def _levelled(self) -> list[bool]:
+        """Which nuisances of levelling are free."""
+        return [name in self.nuisances for name in LEVELLING]
+
     def white(self, maps: np.ndarray) -> np.ndarray:
         """Whiten maps (..., rows, cols), result (points, ...)."""
         values = np.moveaxis(np.asarray(maps)[..., self.recording.used], -1, 0)
@@ -154,7 +159,7 @@ class Whitened:
 
     def nuisance_maps(self, predicted_um: np.ndarray) -> np.ndarray:
         """Return the nuisance columns as maps (nuisances, rows, cols), in the order of `nuisances`."""
-        levelling = levels(self.recording.target)[[name in self.nuisances for name in LEVELLING]]
+        levelling = levels(self.recording.target)[self._levelled]
         return np.concatenate([levelling, self.shown(predicted_um)[1]])
 
     def shown(self, predicted_um: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -180,7 +185,7 @@ class Whitened:
         moved, lateral = self.shown(predicted_um)
         left_um = np.where(recording.used, recording.measured.heights_um, 0.0) - moved
         white = self.white(np.concatenate([left_um[None], lateral]))
-        levelling = self.levelling[:, [name in self.nuisances for name in LEVELLING]]
+        levelling = self.levelling[:, self._levelled]
         return white[:, 0], np.column_stack([levelling, white[:, 1:]])
 
     def known(self) -> np.ndarray:
