@@ -71,8 +71,8 @@ def slopes(recording: HeightMap) -> tuple[np.ndarray, np.ndarray]:
 def own_slope(bend: np.ndarray, pitch_um: float) -> np.ndarray:
     """Return by how much the slope on the upper side of a pixel exceeds the central one; on the lower side it is less.
 
-    b/2 · s/(1 + s) of a bend b, with s = (b/(WALL · pitch))⁸, at most 10⁹. Nothing on smooth ground, so that a small step up counts like one down; half of the bend beside a wall, which is
-    then straight from pixel to pixel, and nothing overshoots.
+    b/2 · s/(1 + s) of a bend b, with s = (b/(WALL · pitch))⁸. Nothing on smooth ground, so that a small step up counts
+    like one down; half of the bend beside a wall, which is then straight from pixel to pixel, and nothing overshoots.
 
     Parameters
     ----------
