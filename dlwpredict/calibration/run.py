@@ -197,7 +197,8 @@ def calibrate(
     objective = fitter.objective
     start, end = objective.at(free, free.start), rewhitened(first, objective)
     if method == "fast":
-        end = fitter.best(Start(min(start, end, key=lambda fit: fit.cost).parameters, end))
+        begun = end if end.cost <= start.cost else objective.differentiated(start)
+        end = fitter.best(Start(begun.parameters, begun))
     spent, later = work.predictions, Work()
     null = Null.of(end.data, objective.rows, noise, seed)
     intervals = _intervals(end, null, replace(objective, work=later), profile)
