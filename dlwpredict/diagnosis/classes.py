@@ -110,7 +110,7 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
         if len(names) == len(best) and len(names - best) == 1 and best - names == {name}:
             rivals[next(iter(names - best))] = rival
     losses = {member: max(search.priced(rival) - search.priced(fit), 0.0) for member, rival in rivals.items()}
-    form = gain - search.surely(best, name)  # what an error of form may have of all that the name gains: no rival has more
+    form = gain - search.surely(best, name)  # what an error of form may have of it; no rival has more
     near = {best - {name} | {one}: one for one, loss in losses.items() if one != name and 0 < loss <= form}
     for names, part in search.excused(best, near).items():
         losses[near[names]] = max(losses[near[names]] - part, 0.0)
