@@ -387,6 +387,18 @@ def test_names_classes_sides_and_intervals_are_judged():
     assert not unsure["misnamed"] and not unsure["wrong_side"] and unsure["detected"]
 
 
+def test_two_effects_in_one_class_are_not_told_apart():
+    both = truth("pair", effect("vignetting"), effect("curl"))
+    one, two = finding("vignetting", "curl"), finding("curl", "dose-memory")
+    for findings, held, apart in (
+        ([one], [True, True], False),
+        ([two, one], [True, True], True),
+        ([two, finding("curl")], [False, True], False),
+    ):
+        found = judge.scored(both, diagnosis("ambiguous", *findings))
+        assert found["held"] == held and found["apart"] is apart
+
+
 def test_a_place_is_right_where_a_small_box_holds_the_spot():
     spot = truth("outside", effect("particle", "height_um", x_um=3.0, y_um=-4.0))
     box = {"pair": 0, "x_um": [1.0, 4.0], "y_um": [-6.0, -3.0]}

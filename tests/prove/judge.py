@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,10 @@ def scored(truth: Mapping, told: Mapping) -> dict:
         "detected": told["verdict"] != "none",
         "held": held,
         "exact": [any(f["effects"] == [name] for f in findings) for name in names],
+        "apart": any(
+            all(name in f["effects"] for name, f in zip(names, chosen, strict=True))
+            for chosen in permutations(findings, len(names))
+        ),
         "first_held": bool(first) and any(name in first["effects"] for name in names),
         "first_alike": bool(first) and any(alike(name, first["effects"][0]) for name in names),
         "first_single": bool(first) and len(first["effects"]) == 1,

@@ -259,6 +259,7 @@ def _pairs(pairs: list) -> list[Row]:
     return [
         counted("pair", "both from 1.5 times the limit on: both in named classes", strong,
                 lambda r: all(r.get("held", [0])), ">= 75 %"),
+        counted("pair", "... each in a class of its own", strong, lambda r: r.get("apart", False), ""),
         counted("pair", "... at least one", strong, lambda r: any(r.get("held", [])), ""),
         counted("pair", "both from the limit on: both in named classes", clear, lambda r: all(r.get("held", [0])), ""),
         counted("pair", "... the weaker one in a named class", clear, _weaker, ""),
