@@ -63,8 +63,9 @@ class TestCandidates:
         ends = [(share, ratio) for share in (0.0, 1.0) for ratio in (0.0, 1.0)]
         expected = {(share, length, ratio) for share, ratio in ends for length in (1.0, 2.0, 4.0)}
         assert shapes("line-end-pileup", "conversion", "length_um", "end_ratio") == expected
-        centres = shapes("vignetting", "centre_x_um", "centre_y_um")
-        assert len(centres) == 5 and all(0.0 in centre for centre in centres)
+        for effect in ("vignetting", "field-curvature"):
+            centres = shapes(effect, "centre_x_um", "centre_y_um")
+            assert len(centres) == 5 and all(0.0 in centre for centre in centres)
         periods = {period for period, _ in shapes("z-linearity", "period_um", "phase_rad")}
         assert len(periods) == 7 and 3.0 in periods
 

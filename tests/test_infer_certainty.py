@@ -161,6 +161,24 @@ class TestProfile:
             rise = held(objective, fit, 0, end, 1e-3) - fit.cost
             assert end in (fit.free.low[0], fit.free.high[0]) or np.sqrt(rise) == pytest.approx(NORMAL, rel=0.15)
 
+    @pytest.mark.parametrize("ridge", [0.1, 0.5, 0.9])
+    def test_is_found_along_a_ridge_that_ends(self, objective, monkeypatch, ridge):
+        """√(rise in cost) is a tenth of what is allowed along the ridge, and rises steeply from its end on."""
+        fit = lowest(objective, choose(ParameterSet(), free=("shrinkage_max",)))
+        value, low = float(fit.vector[0]), float(fit.free.low[0])
+        sd, end, asked = value - low, value - ridge * (value - low), []
+        allowed = (NORMAL * sd / np.linalg.norm(fit.estimators[:, 0])) ** 2
+
+        def cost(_objective, _fit, _k, place, _exact):
+            asked.append(place)
+            along, beyond = (value - place) / (value - end), (end - place) / (end - low)
+            return fit.cost + allowed * (0.1 * min(along, 1) + max(9 * beyond, 0)) ** 2
+
+        monkeypatch.setattr("dlwpredict.infer.intervals.held", cost)
+        found, _ = profile(objective, fit, 0, sd)
+        assert found == pytest.approx(end - 0.1 * (end - low), abs=0.02 * (end - low))
+        assert len([place for place in asked if place < value]) <= 8
+
     @pytest.mark.slow
     def test_is_taken_where_a_straight_line_will_not_do_and_it_was_asked_for(self, objective):
         fit = lowest(objective, choose(ParameterSet(), free=("exposure_fwhm_z_um", "shrinkage_min")))

@@ -120,9 +120,13 @@ class TestStraight:
         np.testing.assert_allclose(bending(free, free.start), np.array(numeric).T, atol=1e-7)
 
 
-def test_only_a_bend_of_all_in_view_has_no_centre():
-    """Levelling takes a plane of all heights in view; that of the part alone, beside its substrate, it does not."""
+def test_only_a_sag_of_all_in_view_has_no_centre():
+    """Elsewhere it is the same sag and a plane; coma is not, nor is a sag of the part alone, beside its substrate."""
     start, like = ParameterSet(), choose(ParameterSet())
-    for name, has in (("field-curvature", False), ("print-field-curvature", True)):
-        moved = freed(replace(start, effects=(library()[name](sag_um=0.1),)), like).names
+    for name, switch, has in (
+        ("field-curvature", "sag_um", False),
+        ("field-curvature", "coma_x_um", True),
+        ("print-field-curvature", "sag_um", True),
+    ):
+        moved = freed(replace(start, effects=(library()[name](**{switch: 0.1}),)), like).names
         assert (f"{name}.centre_x_um" in moved) is has

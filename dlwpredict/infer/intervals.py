@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
+from scipy.optimize import brentq
 
 from dlwpredict.infer.descend import descend
 from dlwpredict.infer.free import Free, fittable, with_values
@@ -27,8 +29,8 @@ CURVED = 0.25
 """A positive parameter whose standard deviation is more than this share of its value has its profile taken; one too
 whose linear interval meets a bound."""
 
-ENDS, CLOSE = 4, 0.1
-"""Places looked at for each end of a profile, and how near the rise in cost must come to the one asked for."""
+FARTHER, BETWEEN, CLOSE = 3, 6, 0.1
+"""Places looked at for each end of a profile, farther out and then between, and how near √(rise in cost) must come."""
 
 
 def deviations(
@@ -191,32 +193,34 @@ def profile(objective: Objective, fitted: Fit, k: int, sd: float) -> tuple[float
 
 
 def _end(objective: Objective, fitted: Fit, k: int, reach: float, allowed: float, bound: float) -> float:
-    """Return one end: √(rise in cost) is nearly straight, so the next place is the secant's."""
-    value = float(fitted.vector[k])
-    inside, rise_inside, outside = value, 0.0, None
+    """Return one end: farther out until the cost has risen too much, then by Brent's method between.
 
-    def limited(place: float) -> float:
+    √(rise in cost) is nearly straight, and a secant does; along a bent ridge it is not.
+    """
+    value = float(fitted.vector[k])
+
+    @cache
+    def beyond(place: float) -> float:
+        """Return √(rise in cost), in units of the one allowed, less 1; 0 where that is near enough."""
+        rise = max(held(objective, fitted, k, place, CLOSE * allowed) - fitted.cost, 0.0) if place != value else 0.0
+        excess = float(np.sqrt(rise / allowed)) - 1
+        return excess if abs(excess) > CLOSE else 0.0
+
+    def limited(place: float, inside: float) -> float:
         """Keep a place inside the bound; what cannot be 0, a length, at most halves or doubles in one step."""
         low, high = sorted((value, bound))
         if fitted.free.low[k] > 0:
             low, high = max(low, inside / 2), min(high, 2 * inside)
         return float(np.clip(place, low, high))
 
-    place = limited(value + reach)
-    for _ in range(ENDS):
-        rise = float(np.sqrt(max(held(objective, fitted, k, place, CLOSE * allowed) - fitted.cost, 0.0) / allowed))
-        if abs(rise - 1) < CLOSE or (place == bound and rise < 1):
-            return place
-        if rise < 1:
-            inside, rise_inside = place, rise
-            if outside is None:
-                place = limited(value + (place - value) / np.clip(rise, 0.3, 0.9))
-                continue
-        else:
-            outside = (place, rise)
-        share = np.clip((1 - rise_inside) / (outside[1] - rise_inside), 0.1, 0.9)
-        place = limited(inside + share * (outside[0] - inside))
-    return place
+    inside, place = value, limited(value + reach, value)
+    for _ in range(FARTHER):
+        if beyond(place) >= 0 or place == bound:
+            break
+        inside, place = place, limited(value + (place - value) / np.clip(1 + beyond(place), 0.3, 0.9), place)
+    if beyond(place) <= 0:
+        return place
+    return float(brentq(beyond, inside, place, xtol=1e-3 * abs(place - inside), maxiter=BETWEEN, disp=False))
 
 
 def held(objective: Objective, near: Fit, k: int, place: float, exact: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from dlwpredict.effects.base import Effect
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.infer.free import Free, choose, value_of, with_values, within
+from dlwpredict.infer.whitened import levels
 from dlwpredict.parameters import ParameterSet, declarations
 from dlwpredict.process import predict
 
@@ -30,7 +31,7 @@ def freed(parameters: ParameterSet, like: Free) -> Free:
     for effect in parameters.effects:
         kind, switches = type(effect), switched(effect)
         shapes = [n for n, (_, d) in declarations(effect).items() if d.fitted and n not in effect.switches()]
-        shapes = [n for n in shapes if not levelled(kind, n) and any(matters(kind, s, n) for s in switches)]
+        shapes = [n for n in shapes if any(shows(kind, s, n) for s in switches)]
         names += [f"{effect.name}.{n}" for n in (*switches, *shapes)]
     return choose(within(parameters), free=names)
 
@@ -68,31 +69,35 @@ def key_of(free: Free) -> Key:
     return tuple(sorted([*(shared.get(name, name) for name in free.names), *settings]))
 
 
-def levelled(kind: type[Effect], name: str) -> bool:
-    """Tell whether a shape is the centre of a bend of all heights in view: elsewhere it is the same bend and a plane.
-
-    A bend of the print alone is none: the substrate beside it is not tilted.
-    """
-    return name.startswith("centre_") and kind.stage == "recording"
-
-
 def matters(kind: type[Effect], switch: str, name: str) -> bool:
-    """Tell whether a shape parameter changes anything while this switch is on, by trying it on a small part."""
-    return _matters(kind, switch, name)  # type: ignore[arg-type]  # mypy takes no class for Hashable
+    """Tell whether a shape parameter changes anything while this switch is on."""
+    return _changes(kind, switch, name)[0]  # type: ignore[arg-type]  # mypy takes no class for Hashable
+
+
+def shows(kind: type[Effect], switch: str, name: str) -> bool:
+    """Tell whether a shape parameter changes more than a plane, which levelling takes, while this switch is on.
+
+    A sag of all heights in view is elsewhere the same sag and a plane; a coma is not.
+    """
+    return _changes(kind, switch, name)[1]  # type: ignore[arg-type]  # mypy takes no class for Hashable
 
 
 @cache
-def _matters(kind: type[Effect], switch: str, name: str) -> bool:
+def _changes(kind: type[Effect], switch: str, name: str) -> tuple[bool, bool]:
+    """Tell whether a shape changes anything, and more than a plane, by trying it on a small part."""
     heights = np.zeros((20, 20))
     heights[4:16, 4:16] = np.linspace(2, 6, 12)
+    part = HeightMap(heights, 1.0, 1.0)
     default, declared = declarations(kind)[name]
     changed = declared.low if default == declared.high else min(declared.high, 2 * default or 1.0)
     switched = {switch: declarations(kind)[switch][1].typical}
     maps = [
-        predict(HeightMap(heights, 1.0, 1.0), ParameterSet(effects=(kind(**settings),)), as_measured=True).heights_um
+        predict(part, ParameterSet(effects=(kind(**settings),)), as_measured=True).heights_um
         for settings in (switched, switched | {name: changed})
     ]
-    return bool(np.abs(np.nan_to_num(maps[1] - maps[0])).max() > 1e-7)
+    change, planes = np.nan_to_num(maps[1] - maps[0]).ravel(), levels(part).reshape(-1, heights.size).T
+    bend = change - planes @ np.linalg.lstsq(planes, change, rcond=None)[0]
+    return bool(np.abs(change).max() > 1e-7), bool(np.abs(bend).max() > 1e-7)
 
 
 def effect_of(parameters: ParameterSet, name: str) -> Effect:

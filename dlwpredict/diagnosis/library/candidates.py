@@ -9,7 +9,7 @@ import numpy as np
 
 from dlwpredict.effects import library
 from dlwpredict.effects.base import Effect
-from dlwpredict.infer.model import levelled, matters, switched
+from dlwpredict.infer.model import matters, shows, switched
 from dlwpredict.parameters import Declaration, ParameterSet, declarations
 
 NO_CANDIDATES = ("misregistration", "z-amplification")
@@ -171,7 +171,7 @@ def _shapes(kind: type[Effect], switch: str) -> list[dict[str, float]]:
     mixed: list[dict[str, float]] = [{}]
     varied: list[dict[str, float]] = [{}]
     for name, (default, declared) in declarations(kind).items():
-        if name in kind.switches() or not declared.fitted or levelled(kind, name) or not matters(kind, switch, name):
+        if name in kind.switches() or not declared.fitted or not shows(kind, switch, name):
             continue
         values = _values(name, default, declared)
         if name.startswith("centre_") or declared.unit == "µm":
