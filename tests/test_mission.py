@@ -108,8 +108,7 @@ def test_a_dome_that_radicals_might_make_as_well_is_doubted():
     """A quarter of that dark rim explains more than noise, but no more than cross-linking of another form would."""
     found, _ = answered({"name": "vignetting", "strength": 0.15})
     assert (found.verdict, found.named) == ("unexplained", ())
-    domes = {"vignetting", "print-field-curvature", "curl"}  # of one gain, within 3 %; dose-proximity has 60 % of it
-    assert domes <= set(found.doubted) <= domes | {"dose-proximity"}
+    assert set(found.doubted) == {"vignetting", "print-field-curvature", "curl"}
 
 
 def test_two_effects_of_both_sides_are_both_named():
