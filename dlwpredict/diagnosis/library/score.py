@@ -22,7 +22,8 @@ from dlwpredict.infer.null import Null, numerical
 from dlwpredict.infer.objective import Fit, Objective
 
 SIMULATED = 8000
-"""Draws of scores from which thresholds are known: a level of 2.5 % to a fourteenth of itself, its gain to 0.1 of 12."""
+"""Draws of scores from which thresholds are known: a level of 2.5 % to a fourteenth
+of itself, its gain to 0.1 of 12."""
 
 COLUMNS_AT_ONCE, ROWS_AT_ONCE = 32, 8192
 """Columns that are whitened, and rows that are multiplied, at once: what is kept in double precision meanwhile."""
