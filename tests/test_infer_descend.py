@@ -394,6 +394,19 @@ class TestFitter:
         assert fitter.has(Start(TRUTH)) and fitter.best(Start(TRUTH)) is found
         assert fitter.objective.work.predictions == spent > 0
 
+    def test_a_quick_fit_above_a_model_that_it_holds_has_not_found_its_own(self, air, printed):
+        """It is fitted again from that one; no other start gives it up."""
+        objective, begun = objective_of(air, printed, 0.01), replace(LOW, effects=(library()["curl"](rise_um=0.01),))
+        fitter = Fitter(objective, choose(LOW, free=KAPPAS))
+        parent = fitter.best(Start(LOW))
+        (quick,) = fitter.contest([[Start(begun)]]).values()
+        for share, known in [(0.9, True), (1.1, False)]:
+            scale = np.sqrt(share * parent.cost / quick.cost)
+            fitter.quick[key_of(quick.free)] = replace(quick, residual=scale * quick.residual)
+            assert fitter.has(Start(begun)) and fitter.has(Start(begun, quick))
+            assert fitter.has(Start(begun, parent)) is known
+        assert not fitter.has(Start(begun)) and fitter.opened[key_of(quick.free)] == 1
+
     def test_an_effect_that_a_quick_fit_has_brought_to_nothing_is_still_a_model_of_its_own(self, air, printed):
         """By its parameters it would be the process alone; by what moves it is not."""
         fitter = Fitter(objective_of(air, printed, 0.01), choose(LOW, free=KAPPAS))

@@ -103,8 +103,13 @@ class Fitter:
         return moving(parameters, self.like)
 
     def has(self, start: Start) -> bool:
-        """Tell whether a model has been fitted already."""
+        """Tell whether a model has been fitted already: a model costs no more than one that it holds.
+
+        A quick fit that costs more than the start's parent has not found it, and is forgotten.
+        """
         key = key_of(self.free(start.parameters))
+        if key in self.quick and start.parent is not None and start.held and self.quick[key].cost > start.parent.cost:
+            return not self.reopened(start)
         return key in self.known or key in self.quick
 
     def settled(self, fit: Fit) -> bool:

@@ -2,7 +2,9 @@
 
 The widths of cross-linking are means: radicals reach differently far, and no distribution of reaches is one Gaussian. A
 spread of relative size s changes a print by ½ s² ∂²h/∂(ln w)², whatever its cause: tails, kinetics of conversion, two
-kinds of radicals. And the base holds the lowest layers, so that they shrink in height otherwise than those above.
+kinds of radicals. Tails reach too far for that alone, and along and across the axis at once: a share a of the radicals
+that reaches f times as far changes it by a (h(f·w) − h(w)). And the base holds the lowest layers, so that they shrink
+in height otherwise than those above.
 These hold most of what calibration leaves of an error of form; the focus's own form shows beside walls, where no points
 count. They are doubted as far as their standard deviations go. An effect that explains nothing beside them is not known
 to be there.
@@ -25,20 +27,23 @@ from dlwpredict.infer.objective import Fit, Objective
 
 
 def doubts(model: Fit, objective: Objective) -> list[np.ndarray]:
-    """Return what spreads of the widths of cross-linking do to every recording, and κ_min that changes with height.
+    """Return what spreads and tails of cross-linking do to every recording, and κ_min that changes with height.
 
     Parameters
     ----------
     model : Fit
     objective : Objective
-        Predicts, and counts the work: two predictions for each.
+        Predicts, and counts the work: two predictions for each, one for the tails.
 
     Returns
     -------
     list of numpy.ndarray, shape (doubts, rows, cols)
         µm for one standard deviation.
     """
-    columns = [_spread(model, objective, k, size) for k, size in _spreads(model).items()]
+    widths = _spreads(model)
+    columns = [_spread(model, objective, k, size) for k, size in widths.items()]
+    if widths:
+        columns.append(_tail(model, objective, list(widths)))
     if (k := model.free.index("shrinkage_min")) is not None:
         slopes, now = objective.derivatives(model, [k]), [trace.heights_um for trace in model.traces]
         highest = max(float(heights.max()) for heights in now)
@@ -63,6 +68,21 @@ def _spread(model: Fit, objective: Objective, k: int, size: float) -> list[np.nd
     ends = [one.heights_um for one in objective.traces(jobs)]
     pairs = zip(ends[::2], ends[1::2], model.traces, strict=True)
     return [np.nan_to_num(up + down - 2 * now.heights_um) / 2 * (size / step) ** 2 for up, down, now in pairs]
+
+
+def _tail(model: Fit, objective: Objective, widths: Sequence[int]) -> list[np.ndarray]:
+    """Return a (h(f·w) − h(w)) of every recording, all widths together, where ln w spreads by a (ln f)² = `SPREAD`².
+
+    f is `policy.FARTHER`, or as far as the declared ranges go.
+    """
+    declared, vector = fittable(model.free.base), model.vector.copy()
+    farther = min(policy.FARTHER, *(declared[model.free.names[k]].high / vector[k] for k in widths))
+    if farther < 1 + policy.SPREAD:
+        return [np.zeros(trace.heights_um.shape) for trace in model.traces]
+    vector[list(widths)] *= farther
+    process, share = model.free.parameters(vector), (policy.SPREAD / np.log(farther)) ** 2
+    ends = objective.traces([(i, process, before) for i, before in enumerate(model.traces)])
+    return [share * np.nan_to_num(end.heights_um - now.heights_um) for end, now in zip(ends, model.traces, strict=True)]
 
 
 def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str, float]:
