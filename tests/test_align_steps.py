@@ -19,6 +19,7 @@ from dlwpredict.alignment.spikes import suspected_spikes
 from dlwpredict.alignment.surface import Surface, grid_um
 from dlwpredict.alignment.uncertainty import block_covariance
 from dlwpredict.effects.line_length_error import LineLengthError
+from dlwpredict.effects.slope_error import SlopeError
 from dlwpredict.heightmap import HeightMap
 from dlwpredict.parameters import ParameterSet
 from dlwpredict.process import predict
@@ -73,6 +74,18 @@ def test_a_bow_is_judged_by_itself_beside_a_scale():
         seen = Surface(np.where(support > 0.5, heights, 0.0), np.ones(heights.shape), 0.4, 0.4)
         shares[scale] = own_share(refine(Level.of(seen, target, 0.4), bent, "bow"), "bow")
     assert shares[1.05] > 0.5 * shares[1.0] > 0.1
+
+
+def test_a_relief_that_is_read_to_the_side_of_its_walls_is_not_bent():
+    """An instrument that reads slopes as heights shows a relief to the side, and walls where they are."""
+    part = designs.air(size_um=60.0, pitch_um=0.3, margin_um=4.0, seed=3)
+    aside = ParameterSet(effects=(SlopeError(signed_x_um=0.2),))
+    noise = 0.005 * np.random.default_rng(0).standard_normal(part.shape)
+    recording = part.with_heights(predict(part, aside, as_measured=True).heights_um + noise)
+    assert np.abs(align(recording, part, distortion="bow").pose.bow_um).max() > 0.3
+    found = align(recording, part)
+    assert found.distortion == "rigid"
+    assert not np.any(found.pose.bow_um)
 
 
 def test_fill_keeps_a_tilted_plane_and_never_leaves_the_hull():

@@ -50,6 +50,8 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
     one another, else bow where its six differ from zero, else affine where scale and shear do, else rigid. "Differ":
     Hotelling's T² of the added figures with the block-jackknife covariance, T²·(B − q)/(q(B − 1)) against F(q, B − q)
     over B effective blocks and q free directions, p < 0.001; and the rim moves by more than a tenth of a target pixel.
+    With auto, what lies inside the outline must not contradict a bow or cubic, p < 0.001 again: a relief that the
+    instrument reads to the side of walls that stay looks bent.
     With auto, only those directions of scale, shear, bow and cubic are free that the print itself cannot look like
     (`told`); where there are none of scale and shear, no bow is asked for, and so on. What all directions together
     would have moved besides is in the covariance.
@@ -75,6 +77,9 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
             own = refine(levels[-1], fit.pose, model, np.linalg.qr(free)[0])
         fits[model] = whole, own
         tests[model] = _test(whole, own, model, added.shape[1], pixel_um)
+        if wanted == "auto" and model != "affine" and tests[model]["accepted"]:
+            relief = refine(replace(levels[-1], relief=True), own.pose, model, own.directions)
+            tests[model]["accepted"] = _chance(relief, model, added.shape[1], own.pose)[0] > SIGNIFICANCE
         if model == wanted or added.shape[1] == 0:
             break
         fit = own
@@ -187,12 +192,13 @@ def _test(whole: Fit, own: Fit, model: Distortion, free: int, pixel_um: float) -
     }
 
 
-def _chance(fit: Fit, model: Distortion, free: int) -> tuple[float, float]:
-    """Return the probability of what a model adds where nothing is, and the effective blocks."""
+def _chance(fit: Fit, model: Distortion, free: int, true: Pose | None = None) -> tuple[float, float]:
+    """Return the probability of what a model adds where nothing is, or a true pose; and the effective blocks."""
     covariance, blocks = pose_covariance(fit, tiles_only=True)
     if not free:
         return 1.0, blocks
     places, without, tested = _ADDED[model]
+    without = without if true is None else true.figures()[places]
     free = min(free, len(tested))
     added = tested @ (fit.pose.figures()[places] - without)
     spread = tested @ figure_covariance(fit.pose, covariance)[places, places] @ tested.T

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from dlwpredict.alignment.likeness import KERNEL_RATIO, gaussian_reflected
 from dlwpredict.alignment.refine import Fit, Level
 from dlwpredict.alignment.search import correlation_area
 
-FLANK = 3  # points: what lies nearer to the outline belongs to it
 SAME = 1e-3  # share of a target's variance that counts as nothing
 RING_RATIO = 2**0.5
 
@@ -69,7 +67,7 @@ def relief_evidence(fit: Fit) -> float | None:
     """
     shape = fit.level.grid[0].shape
     inside = fit.level.target_heights > 0.02 * fit.level.target_heights.max()
-    within = ndimage.binary_erosion(inside, iterations=FLANK, border_value=0).ravel()
+    within = fit.level.inside.ravel()
     if inside.mean() > 0.99 or np.sum(fit.weights[within] > 0) < 50:
         return None
     outline = [gaussian_reflected(inside * 1.0, 1.5 * KERNEL_RATIO**k).ravel() for k in range(3)]

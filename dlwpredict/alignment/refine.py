@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy import ndimage
 
 from dlwpredict.alignment.likeness import likeness_columns
 from dlwpredict.alignment.plane import mad_sigma
@@ -14,16 +15,21 @@ from dlwpredict.alignment.surface import Surface, grid_um
 
 SMOOTHING = 0.8  # σ in pixels of a level: what is sampled is then free of aliasing to 4 %
 HUBER = 2.0
+FLANK = 3  # points: what lies nearer to the outline belongs to it
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Recording and target on one pitch, both smoothed by the same Gaussian, σ in µm."""
+    """Recording and target on one pitch, both smoothed by the same Gaussian, σ in µm.
+
+    `relief`: only what lies inside the outline counts, away from its flanks.
+    """
 
     recording: Surface
     target: Surface
     pitch_um: float
     smoothing_um: float
+    relief: bool = False
 
     @classmethod
     def of(cls, recording: Surface, target: Surface, pitch_um: float) -> Level:
@@ -46,6 +52,13 @@ class Level:
         return self._sampled[0]
 
     @cached_property
+    def inside(self) -> np.ndarray:
+        """Tell which points lie inside the target's outline, away from its flanks, shape (rows, cols)."""
+        inside = self.target_heights > 0.02 * self.target_heights.max()
+        away: np.ndarray = ndimage.binary_erosion(inside, iterations=FLANK, border_value=0)
+        return away
+
+    @cached_property
     def columns(self) -> np.ndarray:
         """`likeness_columns` of the target, shape (points, columns)."""
         return likeness_columns(self._sampled[0])
@@ -53,7 +66,8 @@ class Level:
     def read(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Recorded heights and their support at the target's points, flat."""
         heights, support = self.recording.at(*pose.to_recording(*self.grid))
-        seen = np.where((support > 0.5) & (self._sampled[1] > 0.5), support, 0.0)
+        counts = (self._sampled[1] > 0.5) & (self.inside if self.relief else True)
+        seen = np.where((support > 0.5) & counts, support, 0.0)
         return heights.ravel(), seen.ravel()
 
 
