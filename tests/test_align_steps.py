@@ -86,6 +86,7 @@ def test_a_relief_that_is_read_to_the_side_of_its_walls_is_not_bent():
     found = align(recording, part)
     assert found.distortion == "rigid"
     assert not np.any(found.pose.bow_um)
+    assert found.distortion_test["bow"]["relief_p_value"] < 1e-3
 
 
 def test_fill_keeps_a_tilted_plane_and_never_leaves_the_hull():

@@ -322,7 +322,7 @@ class TestFitter:
         monkeypatch.setattr(fitting, "recorded", lambda found: {})
         monkeypatch.setattr(Fitter, "free", lambda self, name: frees[name])
         contestant = Fitter(Objective(()), choose(ParameterSet()))
-        ends = contestant.contest([[SimpleNamespace(parameters=name)] for name in costs])
+        ends = contestant.contest([[SimpleNamespace(parameters=name, parent=None)] for name in costs])
         assert [end.cost for end in ends.values()] == pytest.approx([9, 8, 60])
         quick = list(ends.values())[:2]
         monkeypatch.setattr(Fit, "parameters", property(lambda self: self.free.names[0]))
@@ -400,12 +400,13 @@ class TestFitter:
         fitter = Fitter(objective, choose(LOW, free=KAPPAS))
         parent = fitter.best(Start(LOW))
         (quick,) = fitter.contest([[Start(begun)]]).values()
-        for share, known in [(0.9, True), (1.1, False)]:
-            scale = np.sqrt(share * parent.cost / quick.cost)
+        for above, known in [(1.0, True), (10.0, False)]:
+            scale = np.sqrt((parent.cost + above) / quick.cost)
             fitter.quick[key_of(quick.free)] = replace(quick, residual=scale * quick.residual)
-            assert fitter.has(Start(begun)) and fitter.has(Start(begun, quick))
+            assert fitter.has(Start(begun))
             assert fitter.has(Start(begun, parent)) is known
-        assert not fitter.has(Start(begun)) and fitter.opened[key_of(quick.free)] == 1
+        (again,) = fitter.contest([[Start(begun, parent)]]).values()
+        assert again.cost < parent.cost + 1 and fitter.opened[key_of(quick.free)] == 1
 
     def test_an_effect_that_a_quick_fit_has_brought_to_nothing_is_still_a_model_of_its_own(self, air, printed):
         """By its parameters it would be the process alone; by what moves it is not."""

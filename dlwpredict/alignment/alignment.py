@@ -37,7 +37,8 @@ class Alignment:
     distortion : str
         rigid, affine, bow or cubic.
     distortion_test : dict
-        Per distortion tried: p_value, rim_px (what it moves at the target's rim), blocks, accepted.
+        Per distortion tried: p_value, rim_px (what it moves at the target's rim), blocks, accepted; relief_p_value
+        where the relief inside the outline was asked too.
     symmetry : str
         "none", "n-fold" where the target looks the same after n turns, "round", "mirror", or "shift".
     quality : dict

@@ -79,7 +79,8 @@ def register(levels: list[Level], pose: Pose, wanted: Wanted, pixel_um: float, *
         tests[model] = _test(whole, own, model, added.shape[1], pixel_um)
         if wanted == "auto" and model != "affine" and tests[model]["accepted"]:
             relief = refine(replace(levels[-1], relief=True), own.pose, model, own.directions)
-            tests[model]["accepted"] = _chance(relief, model, added.shape[1], own.pose)[0] > SIGNIFICANCE
+            agrees = _chance(relief, model, added.shape[1], own.pose)[0]
+            tests[model] |= {"relief_p_value": agrees, "accepted": agrees > SIGNIFICANCE}
         if model == wanted or added.shape[1] == 0:
             break
         fit = own

@@ -66,7 +66,7 @@ def relief_evidence(fit: Fit) -> float | None:
     −n/2·ln(1 − r²), n from the `correlation_area` of what is left; 0 where r < 0 (the negative of the relief).
     """
     shape = fit.level.grid[0].shape
-    inside = fit.level.target_heights > 0.02 * fit.level.target_heights.max()
+    inside = fit.level.outline
     within = fit.level.inside.ravel()
     if inside.mean() > 0.99 or np.sum(fit.weights[within] > 0) < 50:
         return None

@@ -51,11 +51,16 @@ class Level:
         """Smoothed target on the grid, µm, shape (rows, cols)."""
         return self._sampled[0]
 
+    @property
+    def outline(self) -> np.ndarray:
+        """Tell which points lie inside the target's outline, shape (rows, cols)."""
+        within: np.ndarray = self.target_heights > 0.02 * self.target_heights.max()
+        return within
+
     @cached_property
     def inside(self) -> np.ndarray:
         """Tell which points lie inside the target's outline, away from its flanks, shape (rows, cols)."""
-        inside = self.target_heights > 0.02 * self.target_heights.max()
-        away: np.ndarray = ndimage.binary_erosion(inside, iterations=FLANK, border_value=0)
+        away: np.ndarray = ndimage.binary_erosion(self.outline, iterations=FLANK, border_value=0)
         return away
 
     @cached_property

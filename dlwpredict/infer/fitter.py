@@ -103,14 +103,10 @@ class Fitter:
         return moving(parameters, self.like)
 
     def has(self, start: Start) -> bool:
-        """Tell whether a model has been fitted already: a model costs no more than one that it holds.
-
-        A quick fit that costs more than the start's parent has not found it, and is forgotten.
-        """
+        """Tell whether the best fit of a model has been found: not by a quick one above a parent that it holds."""
         key = key_of(self.free(start.parameters))
-        if key in self.quick and start.parent is not None and start.held and self.quick[key].cost > start.parent.cost:
-            return not self.reopened(start)
-        return key in self.known or key in self.quick
+        limit = start.parent.cost + QUICK_GAIN if start.parent is not None and start.held else np.inf
+        return key in self.known or (key in self.quick and self.quick[key].cost <= limit)
 
     def settled(self, fit: Fit) -> bool:
         """Tell whether the best fit of a model is known, not only a quick one."""
@@ -134,12 +130,15 @@ class Fitter:
     def contest(self, models: Sequence[Sequence[Start]]) -> dict[Key, Fit]:
         """Fit several models quickly; return each with its best fit, where that is known, or its quick one.
 
+        A model costs no more than one that it holds: a quick fit above the parent of a start is given up for that.
+
         Parameters
         ----------
         models : sequence of sequence of Start
         """
         starts = {key_of(self.free(own[0].parameters)): own for own in models}
-        unknown = [key for key in starts if key not in self.known and key not in self.quick]
+        unknown = [key for key, own in starts.items() if not all(map(self.has, own))]
+        self.opened.update(key for key in unknown if self.quick.pop(key, None) is not None)
         for key, quick in self._carried_out(_quick, {key: (tuple(starts[key]),) for key in unknown}).items():
             self.quick[key] = quick.light
         return {key: self.known.get(key) or self.quick[key] for key in starts}
