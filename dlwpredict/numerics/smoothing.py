@@ -29,8 +29,6 @@ FAINT = 1e-7
 BLOCK_PX = 64
 """Pixels of a line that one matrix product gives: a convolution by blocks is several times quicker than tap by tap."""
 
-PAIRS = (0, 1), (0, 2), (1, 2)
-
 NEWTON_STEPS = 60
 """Enough for the narrowest kernels, where every step first gains little more than a unit of the exponent."""
 
@@ -276,6 +274,9 @@ def spline_matrix(count: int, places: np.ndarray) -> np.ndarray:
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
     """Convolve the last two axes with a Gaussian of any orientation; outside the array there is nothing.
 
+    The transfer function exp(−2π² fᵀΣf), times what `gaussian_taps` make of a Gaussian along each axis, is applied on a
+    frame widened by the kernel's reach. Without correlation this is `blur`, and it tends to it.
+
     Parameters
     ----------
     planes : numpy.ndarray, shape (..., rows, cols)
@@ -283,57 +284,20 @@ def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
         Covariance in pixels², order (x, y) with y upwards.
     """
     (xx, xy), (_, yy) = covariance_px
-    kernel = turned_taps(float(xx), float(xy), float(yy))[(None,) * (planes.ndim - 2)]
-    blurred: np.ndarray = scipy.signal.fftconvolve(planes, kernel, mode="same", axes=(-2, -1))
-    return blurred
+    rows, cols = planes.shape[-2:]
+    reach = int(np.ceil(REACH_SIGMAS * np.sqrt(max(xx, yy))))
+    fft = scipy.fft
+    shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, cols)]
+    fx, fy = fft.rfftfreq(shape[1]), -fft.fftfreq(shape[0])[:, None]
+    transfer = np.exp(-2 * np.pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2))
+    transfer *= _sampling(np.sqrt(xx), fx) * _sampling(np.sqrt(yy), fy)
+    return fft.irfft2(fft.rfft2(planes, shape) * transfer, shape)[..., :rows, :cols]
 
 
-@lru_cache(maxsize=64)
-def turned_taps(xx: float, xy: float, yy: float) -> np.ndarray:
-    """Return the weights over whole pixels of a Gaussian of any orientation: sum 1, and exactly this covariance.
-
-    Σ = Σₖ λₖ eₖ eₖᵀ with three whole steps e and no λ below 0 (Selling 1874): one after another, `gaussian_taps` of
-    variance λₖ along these. A width in µm means the same at every pitch and angle; without correlation this is `blur`.
-
-    Parameters
-    ----------
-    xx, xy, yy : float
-        Covariance in pixels², x to the right, y upwards; positive definite.
-
-    Returns
-    -------
-    numpy.ndarray, shape (rows, cols)
-        Both odd, centre in the middle, rows downwards.
-
-    Examples
-    --------
-    >>> taps = turned_taps(0.5, 0.3, 0.3)
-    >>> rows, cols = (np.arange(n) - n // 2 for n in taps.shape)
-    >>> (taps @ cols @ -rows).round(9), (taps @ cols**2).sum().round(9)
-    (np.float64(0.3), np.float64(0.5))
-    """
-    kernel = np.ones((1, 1))
-    for variance, (x, y) in _along_steps(np.array([[xx, xy], [xy, yy]])):
-        taps = gaussian_taps(float(np.sqrt(variance)))
-        n = np.arange(len(taps)) - len(taps) // 2
-        line = np.zeros((n[-1] * 2 * abs(y) + 1, n[-1] * 2 * abs(x) + 1))
-        line[n[-1] * abs(y) - n * y, n[-1] * abs(x) + n * x] = taps
-        kernel = scipy.signal.convolve(kernel, line)
-    kernel.setflags(write=False)
-    return kernel
-
-
-def _along_steps(covariance: np.ndarray) -> list[tuple[float, np.ndarray]]:
-    """Return variances λ ≥ 0 and whole steps e, three of each, with Σ λ e eᵀ the covariance.
-
-    Of three vectors whose sum is 0, no two of which are at an acute angle in the metric Σ, λₖ = −bᵢᵀ Σ bⱼ, and eₖ is at
-    right angles to bₖ.
-    """
-    base = np.array([[1, 0], [0, 1], [-1, -1]])
-    while True:
-        products = base @ covariance @ base.T
-        i, j = max(PAIRS, key=lambda pair: products[pair])
-        if products[i, j] <= NOTHING * np.trace(covariance):
-            break
-        base[[i, 3 - i - j]] = -base[i], base[i] - base[j]
-    return [(max(-products[i, j], 0.0), base[3 - i - j] @ [[0, 1], [-1, 0]]) for i, j in PAIRS]
+def _sampling(sigma_px: float, frequency: np.ndarray) -> np.ndarray:
+    """Return the transfer of `gaussian_taps` over that of the Gaussian; 1 where neither passes anything."""
+    taps = gaussian_taps(float(sigma_px))
+    n = np.arange(len(taps)) - len(taps) // 2
+    ideal = np.exp(-2 * (np.pi * sigma_px * frequency) ** 2)
+    actual = np.cos(2 * np.pi * frequency[..., None] * n) @ taps
+    return np.where(ideal > 1e-5, actual / np.maximum(ideal, 1e-5), 1.0)
