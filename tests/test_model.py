@@ -89,7 +89,8 @@ class TestSmoothing:
 
     def test_turned_gaussian_agrees_with_axis_parallel_one(self):
         plane = np.random.default_rng(1).normal(size=(40, 50))
-        np.testing.assert_allclose(blur_turned(plane, np.diag([4.0, 9.0])), blur(plane, 3, 2), atol=1e-5)
+        np.testing.assert_allclose(blur_turned(plane, np.diag([4.0, 9.0])), blur(plane, 3, 2), atol=1e-12)
+        np.testing.assert_allclose(blur_turned(plane, np.diag([0.09, 0.36])), blur(plane, 0.6, 0.3), atol=1e-12)
 
     def test_turned_gaussian_turns_counter_clockwise_seen_from_above(self):
         spot = np.zeros((61, 61))
@@ -100,6 +101,20 @@ class TestSmoothing:
         xy = np.einsum("rc,r,c->", cloud, y, x)
         expected = 0.5 * (81 - 9) / FWHM_PER_SIGMA**2 * np.sin(np.deg2rad(60))
         assert xy == pytest.approx(expected, rel=1e-3)
+
+    @pytest.mark.parametrize("angle_deg", [1.0, 20.0, 45.0, 73.0, 110.0])
+    @pytest.mark.parametrize("wide, narrow", [(0.86, 0.39), (0.3, 0.1), (0.2, 0.05), (4.0, 0.5)])
+    def test_a_turned_gaussian_narrower_than_a_pixel_keeps_its_shape(self, angle_deg, wide, narrow):
+        turn = np.deg2rad(angle_deg)
+        axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        covariance = axes @ np.diag([wide**2, narrow**2]) @ axes.T
+        spot = np.zeros((101, 101))
+        spot[50, 50] = 1
+        cloud = blur_turned(spot, covariance)
+        offsets = np.arange(101) - 50
+        along = [np.sum(cloud * offsets**2), -offsets @ cloud @ offsets, offsets**2 @ cloud.sum(axis=1)]
+        assert along == pytest.approx(covariance.ravel()[[0, 1, 3]], rel=1e-4, abs=1e-6)
+        assert cloud.sum() == pytest.approx(1) and cloud.min() > -1e-12
 
 
 class TestChain:

@@ -328,6 +328,20 @@ def test_astigmatism_washes_out_waves_across_its_long_axis():
     assert rms(turned) < rms(straight)
 
 
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0])
+def test_a_narrow_focus_that_is_hardly_turned_prints_as_the_straight_one(angle_deg):
+    """Standard deviations 0.29 and 0.97 pixels: below and above the half pixel from which a map is not refined.
+
+    The 0.4 % that differ come from columns within the wall, whose faint exposure is the transform's rounding.
+    """
+    rough = mesa() + (mesa() > 0) * np.random.default_rng(1).normal(0, 0.3, mesa().shape)
+    straight, turned = (
+        difference(rough, name="astigmatism", log_ratio=0.6, angle_deg=angle_deg + more)[16:44, 18:46]
+        for more in (0.0, 1e-3)
+    )
+    assert rms(turned - straight) < 0.01 * rms(straight)
+
+
 def test_drying_curl_and_lateral_shrinkage_follow_their_laws(part):
     drying = difference(wavy(), name="edge-drying", depth_um=0.2, length_um=2)
     assert drying[30, 12] == pytest.approx(-0.2 * np.exp(-0.2 / 2), rel=1e-3)

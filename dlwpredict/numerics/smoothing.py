@@ -274,9 +274,6 @@ def spline_matrix(count: int, places: np.ndarray) -> np.ndarray:
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
     """Convolve the last two axes with a Gaussian of any orientation; outside the array there is nothing.
 
-    The transfer function exp(−2π² fᵀΣf), times what `gaussian_taps` make of a Gaussian along each axis, is applied on a
-    frame widened by the kernel's reach. Without correlation this is `blur`, and it tends to it.
-
     Parameters
     ----------
     planes : numpy.ndarray, shape (..., rows, cols)
@@ -284,20 +281,67 @@ def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
         Covariance in pixels², order (x, y) with y upwards.
     """
     (xx, xy), (_, yy) = covariance_px
+    taps, fft = turned_taps(float(xx), float(xy), float(yy)), scipy.fft
     rows, cols = planes.shape[-2:]
-    reach = int(np.ceil(REACH_SIGMAS * np.sqrt(max(xx, yy))))
-    fft = scipy.fft
-    shape = [fft.next_fast_len(n + reach, real=True) for n in (rows, cols)]
-    fx, fy = fft.rfftfreq(shape[1]), -fft.fftfreq(shape[0])[:, None]
-    transfer = np.exp(-2 * np.pi**2 * (xx * fx**2 + 2 * xy * fx * fy + yy * fy**2))
-    transfer *= _sampling(np.sqrt(xx), fx) * _sampling(np.sqrt(yy), fy)
-    return fft.irfft2(fft.rfft2(planes, shape) * transfer, shape)[..., :rows, :cols]
+    shape = [fft.next_fast_len(max(n + m // 2, m), real=True) for n, m in zip((rows, cols), taps.shape, strict=True)]
+    kernel = np.zeros(shape, planes.dtype)
+    kernel[: taps.shape[0], : taps.shape[1]] = taps
+    kernel = np.roll(kernel, [-(m // 2) for m in taps.shape], axis=(0, 1))
+    return fft.irfft2(fft.rfft2(planes, shape) * fft.rfft2(kernel), shape)[..., :rows, :cols]
 
 
-def _sampling(sigma_px: float, frequency: np.ndarray) -> np.ndarray:
-    """Return the transfer of `gaussian_taps` over that of the Gaussian; 1 where neither passes anything."""
-    taps = gaussian_taps(float(sigma_px))
-    n = np.arange(len(taps)) - len(taps) // 2
-    ideal = np.exp(-2 * (np.pi * sigma_px * frequency) ** 2)
-    actual = np.cos(2 * np.pi * frequency[..., None] * n) @ taps
-    return np.where(ideal > 1e-5, actual / np.maximum(ideal, 1e-5), 1.0)
+@lru_cache(maxsize=64)
+def turned_taps(xx: float, xy: float, yy: float) -> np.ndarray:
+    """Return a sampled Gaussian of any orientation, of sum 1, whose covariance over the pixels is exactly Σ.
+
+    What `gaussian_taps` is along one axis: the weights are exp(−nᵀ A n), with A = Σ⁻¹/2 where the narrowest width is
+    one pixel or more. Below, A is chosen so that the covariance is kept: it is where the convex
+    ln Σₙ exp(−nᵀ A n) + tr(A Σ) is least, found by Newton's steps that start too wide and are halved if they overshoot.
+
+    Parameters
+    ----------
+    xx, xy, yy : float
+        Σ in pixels², x to the right, y upwards; positive definite.
+
+    Returns
+    -------
+    numpy.ndarray, shape (rows, cols)
+        Both odd, centre in the middle, rows downwards.
+
+    Examples
+    --------
+    >>> taps = turned_taps(0.5, 0.3, 0.3)
+    >>> y, x = (np.arange(n) - n // 2 for n in taps.shape)
+    >>> float((-y @ taps @ x).round(9)), float((taps @ x**2).sum().round(9))
+    (0.3, 0.5)
+    """
+    half_x, half_y = (int(np.ceil(REACH_SIGMAS * np.sqrt(variance))) + 2 for variance in (xx, yy))
+    y, x = np.mgrid[half_y : -half_y - 1 : -1, -half_x : half_x + 1].astype(float)
+    squares, wanted = np.stack([x * x, 2 * x * y, y * y]).reshape(3, -1), np.array([xx, 2 * xy, yy])
+
+    def weighed(exponents: np.ndarray) -> tuple[np.ndarray, float]:
+        powers = -exponents @ squares
+        weights = np.exp(powers - powers.max())
+        return weights / weights.sum(), float(np.log(weights.sum()) + powers.max() + exponents @ wanted)
+
+    narrow = np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0] < 1
+    wider = 0.25 + np.sqrt(min(xx, yy)) if narrow else 0.0
+    determinant = (xx + wider) * (yy + wider) - xy**2
+    exponents = np.array([yy + wider, -xy, xx + wider]) / (2 * determinant)
+    weights, value = weighed(exponents)
+    for _ in range(NEWTON_STEPS if narrow else 0):
+        excess = squares @ weights - wanted
+        if np.abs(excess).max() < NOTHING * max(xx, yy):
+            break
+        spread = np.cov(squares, aweights=weights, ddof=0)
+        scale = 1 / np.sqrt(np.diag(spread))
+        step = scale * np.linalg.lstsq(spread * np.outer(scale, scale), scale * excess, rcond=None)[0]
+        for _ in range(NEWTON_STEPS):
+            trial_weights, trial = weighed(exponents + step)
+            if trial <= value + NOTHING * (1 + abs(value)):
+                break
+            step = step / 2
+        exponents, weights, value = exponents + step, trial_weights, trial
+    taps: np.ndarray = weights.reshape(x.shape)
+    taps.setflags(write=False)
+    return taps

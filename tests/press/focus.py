@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 from scipy.special import ndtr
 
-from tests.press.gauss import FINEST, PARTS, REACH, SIGMA_PER_FWHM, lateral
+from tests.press.gauss import REACH, SIGMA_PER_FWHM, along_x, along_y, line_kernel, parts_of
 
 GAUSS_LORENTZ_REACH = 6.0  # Rayleigh lengths
 GAUSS_LORENTZ_LOBES = 7
@@ -100,9 +100,8 @@ def axial_weights(lobe, z, dz):
     return upper - lower, lower[:, 0]
 
 
-def _turned_kernel(lobe, grid):
+def _turned_kernel(lobe, grid, parts):
     """Return the lateral weights of a lobe whose axes are turned, from sub-pixels, sum 1."""
-    parts = PARTS
     half_x = int(np.ceil(REACH * max(lobe.s_x_um, lobe.s_y_um) / grid.dx))
     half_y = int(np.ceil(REACH * max(lobe.s_x_um, lobe.s_y_um) / grid.dy))
     x = np.arange(-half_x * parts - parts // 2, half_x * parts + parts // 2 + 1) / parts * grid.dx
@@ -110,18 +109,16 @@ def _turned_kernel(lobe, grid):
     turn = np.radians(lobe.angle_deg)
     first, second = x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)
     fine = np.exp(-0.5 * (first / lobe.s_x_um) ** 2 - 0.5 * (second / lobe.s_y_um) ** 2)
-    if min(lobe.s_x_um / grid.dx, lobe.s_y_um / grid.dy) >= FINEST:
-        weights = fine[parts // 2 :: parts, parts // 2 :: parts]
-    else:
-        weights = fine.reshape(2 * half_y + 1, parts, 2 * half_x + 1, parts).sum(axis=(1, 3))
+    weights = fine.reshape(2 * half_y + 1, parts, 2 * half_x + 1, parts).sum(axis=(1, 3))
     return (weights / weights.sum()).astype(np.float32)
 
 
 def spread_laterally(stack, lobe, grid):
-    """Apply the lateral part of a lobe to every layer."""
+    """Apply the lateral part of a lobe to every layer; a map is refined along both axes or along none."""
+    parts = parts_of(min(lobe.s_x_um, lobe.s_y_um) / max(grid.dx, grid.dy))
     if lobe.angle_deg % 90 == 0:
         quarter = (lobe.angle_deg // 90) % 2 == 1
         s_x, s_y = (lobe.s_y_um, lobe.s_x_um) if quarter else (lobe.s_x_um, lobe.s_y_um)
-        return lateral(stack, s_x, s_y, grid)
-    kernel = _turned_kernel(lobe, grid)
+        return along_y(along_x(stack, line_kernel(s_x / grid.dx, parts)), line_kernel(s_y / grid.dy, parts))
+    kernel = _turned_kernel(lobe, grid, parts)
     return fftconvolve(stack, kernel[(None,) * (stack.ndim - 2)], mode="same", axes=(-2, -1)).astype(stack.dtype)

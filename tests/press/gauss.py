@@ -12,16 +12,22 @@ PARTS = 9  # sub-pixels then
 BLOCK = 96
 
 
-def line_kernel(sigma_px):
+def parts_of(sigma_px):
+    """Return into how many sub-pixels a pixel is refined, along each axis, for a Gaussian of this width in pixels."""
+    return 1 if sigma_px >= FINEST else PARTS
+
+
+def line_kernel(sigma_px, parts=None):
     """Return the weights of a Gaussian on whole pixels, sum 1, centre in the middle.
 
     From half a pixel on it is the sampled Gaussian (aliasing below 1.5 %, right for maps that are smooth between
     pixels). Below, every pixel is replicated into sub-pixels, the Gaussian is sampled on these and the weights of each
     pixel's sub-pixels are added: the same as refining the map, filtering it and reading it at the pixel centres.
+    `parts` says otherwise, where the other axis decides.
     """
     if sigma_px < 1e-3:
         return np.ones(1)
-    parts = 1 if sigma_px >= FINEST else PARTS
+    parts = parts or parts_of(sigma_px)
     half = int(np.ceil(REACH * sigma_px))
     fine = np.arange(-half * parts - parts // 2, half * parts + parts // 2 + 1) / parts
     weights = np.exp(-0.5 * (fine / sigma_px) ** 2).reshape(2 * half + 1, parts).sum(axis=1)
