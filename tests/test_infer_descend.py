@@ -278,6 +278,7 @@ class TestFitter:
         objective = objective_of(air, predict(air, turned))
         fitter = Fitter(objective, choose(TRUTH, free=KAPPAS))
         (hurried,) = fitter.contest([[Start(begun)]]).values()
+        assert hurried.parameters.effects[0].log_ratio < 0, "past the end, if not all the way"
         for found, least in ((hurried, 0.03), (fitter.best(Start(begun)), 0.003))[0 if quick else 1 :]:
             (effect,) = found.parameters.effects
             assert effect.log_ratio == pytest.approx(-0.3, abs=least)

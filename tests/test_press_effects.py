@@ -332,14 +332,15 @@ def test_astigmatism_washes_out_waves_across_its_long_axis():
 def test_a_narrow_focus_that_is_hardly_turned_prints_as_the_straight_one(angle_deg):
     """Standard deviations 0.29 and 0.97 pixels: below and above the half pixel from which a map is not refined.
 
-    The 0.4 % that differ come from columns within the wall, whose faint exposure is the transform's rounding.
+    Columns within the wall hang on faint exposures, which a transform rounds. Cross-linking of 1 µm keeps them there.
     """
     rough = mesa() + (mesa() > 0) * np.random.default_rng(1).normal(0, 0.3, mesa().shape)
+    press = replace(PRESS, crosslink_fwhm_xy_um=1.0, crosslink_fwhm_z_um=1.0)
     straight, turned = (
-        difference(rough, name="astigmatism", log_ratio=0.6, angle_deg=angle_deg + more)[16:44, 18:46]
+        difference(rough, press, name="astigmatism", log_ratio=0.6, angle_deg=angle_deg + more)[16:44, 18:46]
         for more in (0.0, 1e-3)
     )
-    assert rms(turned - straight) < 0.01 * rms(straight)
+    assert rms(turned - straight) < 1e-4 * rms(straight)
 
 
 def test_drying_curl_and_lateral_shrinkage_follow_their_laws(part):

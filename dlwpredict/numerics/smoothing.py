@@ -274,6 +274,8 @@ def spline_matrix(count: int, places: np.ndarray) -> np.ndarray:
 def blur_turned(planes: np.ndarray, covariance_px: np.ndarray) -> np.ndarray:
     """Convolve the last two axes with a Gaussian of any orientation; outside the array there is nothing.
 
+    The kernel is `turned_taps`. Without correlation this is `blur`, and it tends to it.
+
     Parameters
     ----------
     planes : numpy.ndarray, shape (..., rows, cols)
