@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.30.0"
+__version__ = "0.31.0"
 
 _HOMES = {
     "HeightMap": "heightmap",

@@ -10,6 +10,7 @@ import pytest
 from dlwpredict.diagnosis import policy
 from dlwpredict.diagnosis.classes import named_in, strengths
 from dlwpredict.diagnosis.library.candidates import Bent, Candidate
+from dlwpredict.diagnosis.library.process_form import Standing
 from dlwpredict.diagnosis.library.score import Linearised, Thresholds
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.search import Search
@@ -212,8 +213,12 @@ class Toy(Search):
     def without(self, names, name):
         return self.fitted[names - {name}]
 
-    def excused(self, best, rivals):
-        return dict.fromkeys(rivals, 0.0)
+    def excused(self, best, rival):
+        return 0.0
+
+    def has_stood(self, names, share=1.0, doubted=0.0):
+        """Let a set have been asked how it stands beside the doubts: this share of every gain."""
+        self.stood[frozenset(names)] = self.fitted[frozenset(names)], Standing(dict.fromkeys(names, share), doubted)
 
 
 def search(gains, cost=1000.0, **spread):
@@ -400,14 +405,35 @@ class TestSearch:
         """Of 40, 12 must stand: three tenths. Else the next best is taken; what falls for this alone is doubted."""
         found = search({CURL: 40.0, FIELD: 30.0, DARK: 5.0})
         for share, best, doubted in ((0.31, {"curl"}, []), (0.29, {"field-curvature"}, [])):
-            found.stood = {frozenset(CURL): (found.fitted[frozenset(CURL)], {"curl": share})}
+            found.has_stood(CURL, share)
             assert (found.best(), found.doubted(found.best())) == (best, doubted)
         for name in (CURL, FIELD, DARK):
-            found.stood[frozenset(name)] = found.fitted[frozenset(name)], {name[0]: 0.1}
+            found.has_stood(name, 0.1)
         assert found.best() == frozenset()
         assert found.doubted(frozenset()) == ["curl", "field-curvature"]
-        found.stood[frozenset(FIELD)] = found.fitted[frozenset(FIELD)], {"field-curvature": 1.0}
+        found.has_stood(FIELD)
         assert found.doubted(frozenset()) == ["curl"]
+
+    @pytest.mark.parametrize(("doubted", "best"), [(58.0, "curl"), (62.0, "field-curvature")])
+    def test_what_the_doubts_explain_beside_a_set_it_does_not_cost(self, doubted, best):
+        """Beside the one that costs 10 less they explain 50, beside the other 58 or 62."""
+        found = search({CURL: 210.0, FIELD: 200.0})
+        found.has_stood((), doubted=80.0)
+        found.has_stood(CURL, doubted=50.0)
+        assert found.best() == {"field-curvature"}, "not asked of yet, it may be the best"
+        found.has_stood(FIELD, doubted=doubted)
+        assert found.best() == {best}
+
+    def test_a_set_that_was_not_asked_costs_no_less_than_beside_the_least_of_its_parts(self):
+        found = search({CURL: 100.0, FIELD: 60.0, CURL + FIELD: 130.0})
+        both, cost = frozenset(CURL + FIELD), lambda names: found.priced(found.fitted[names])
+        assert found.beside_doubts(both) == cost(both)
+        for names, doubted, least in (((), 80.0, 80.0), (CURL, 50.0, 50.0), (FIELD, 60.0, 50.0), (DARK, 1.0, 50.0)):
+            found.fitted.setdefault(frozenset(names), found.baseline)
+            found.has_stood(names, doubted=doubted)
+            assert found.beside_doubts(both) == pytest.approx(cost(both) - least)
+        found.has_stood(CURL + FIELD, doubted=55.0)
+        assert found.beside_doubts(both) == pytest.approx(cost(both) - 55)
 
     def test_a_set_that_does_not_stand_is_not_brought_to_convergence(self, monkeypatch):
         """Of the 40 of one effect a tenth stands; the 30 of another stand, also where it has converged."""
@@ -417,14 +443,14 @@ class TestSearch:
 
         def standing(model, named, objective):
             asked.append(model)
-            return {name: 0.1 if name == "curl" else 1.0 for name in named}
+            return Standing({name: 0.1 if name == "curl" else 1.0 for name in named}, 0.0)
 
         monkeypatch.setattr("dlwpredict.diagnosis.search.standing", standing)
         found.fitter = SimpleNamespace(
             objective=SimpleNamespace(whole=lambda fit: fit), settled=lambda fit: fit is lower, best=lambda start: lower
         )
         assert found.rested() == {"field-curvature"}
-        assert asked == [known[frozenset(CURL)], known[frozenset(FIELD)], lower]
+        assert asked == [known[frozenset(one)] for one in ((), CURL, FIELD)] + [lower]
         assert found.fitted[frozenset(CURL)] is known[frozenset(CURL)]
 
     @pytest.mark.parametrize(("promise", "converges"), [(50.0, False), (90.0, True)])
@@ -432,7 +458,7 @@ class TestSearch:
         """Of 40 and what is promised a tenth stands, and 12 must."""
         found, converged = search({CURL: 40.0}), []
         found.fitted[frozenset(CURL)].promise = promise
-        found.stood[frozenset(CURL)] = found.fitted[frozenset(CURL)], {"curl": 0.1}
+        found.has_stood(CURL, 0.1)
         found.fitter = SimpleNamespace(settled=lambda fit: False, settle=lambda fits: converged.extend(fits) or fits)
         found._settle_beside(frozenset())
         assert bool(converged) == converges
@@ -632,27 +658,27 @@ class TestClasses:
     def test_hold_what_the_form_of_the_process_may_have_put_behind(self):
         """Of a gain of 100 half may be form: what is 45 behind is asked, what is 80 behind is not."""
         found, asked = search({CURL: 100.0, DARK: 55.0, FIELD: 20.0}), []
-        found.stood = {frozenset(CURL): (found.fitted[frozenset(CURL)], {"curl": 0.5})}
-        found.excused = lambda best, rivals: asked.extend(rivals) or dict.fromkeys(rivals, 40.0)
+        found.has_stood(CURL, 0.5)
+        found.excused = lambda best, rival: asked.append(rival) or 40.0
         (one,) = named_in(found, frozenset(CURL), 0.0)
         assert asked == [frozenset(DARK)]
         assert one.names == ["curl", "vignetting"] and one.members[1].loss == pytest.approx(5)
 
-    def test_what_form_may_have_put_behind_is_asked_once_for_two_fits(self, monkeypatch):
+    def test_what_form_may_have_put_behind_is_asked_once_of_each_fit(self, monkeypatch):
         found, asked = search({CURL: 100.0, DARK: 55.0}), []
         best, rival = frozenset(CURL), frozenset(DARK)
 
-        def excused(model, rivals, objective):
-            asked.append((model, *rivals))
-            return [3.0] * len(rivals)
+        def standing(model, named, objective):
+            asked.append(model)
+            return Standing(dict.fromkeys(named, 1.0), 2.0 * len(asked))
 
-        monkeypatch.setattr("dlwpredict.diagnosis.search.excused", excused)
+        monkeypatch.setattr("dlwpredict.diagnosis.search.standing", standing)
         found.fitter = SimpleNamespace(objective=SimpleNamespace(whole=lambda fit: fit))
-        assert [Search.excused(found, best, [rival]) for _ in range(2)] == [{rival: 3.0}] * 2
-        assert asked == [(found.fitted[best], found.fitted[rival])]
+        assert [Search.excused(found, best, rival) for _ in range(2)] == pytest.approx([1.5 * 4 - 2] * 2)
+        assert asked == [found.fitted[best], found.fitted[rival]]
         found.fitted[rival] = found.fitted[frozenset()]
-        assert Search.excused(found, best, [rival]) == {rival: 3.0}
-        assert asked[1:] == [(found.fitted[best], found.fitted[frozenset()])]
+        assert Search.excused(found, best, rival) == pytest.approx(1.5 * 6 - 2)
+        assert asked[2:] == [found.fitted[frozenset()]]
 
     def test_a_slot_holds_what_stands_in_its_place_alone(self):
         found = search(

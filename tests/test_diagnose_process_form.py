@@ -7,7 +7,7 @@ import pytest
 
 from dlwpredict import designs
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.process_form import doubts, excused, standing
+from dlwpredict.diagnosis.library.process_form import Standing, doubts, standing
 from dlwpredict.effects import library
 from dlwpredict.infer.free import choose, with_values
 from dlwpredict.infer.model import freed
@@ -99,7 +99,7 @@ def test_what_a_tail_of_reaches_explains_is_no_names_gain(part):
     shown = 0.8 * predict(part, TRUTH).heights_um + 0.2 * predict(part, wider).heights_um
     dark = replace(TRUTH, effects=(library()["vignetting"](strength=0.05),))
     model, objective = model_of(part, shown, dark)
-    assert standing(model, ["vignetting"], objective)["vignetting"] == 0.0
+    assert standing(model, ["vignetting"], objective).shares["vignetting"] == 0.0
 
 
 def test_what_a_spread_of_reaches_explains_is_no_names_gain(part):
@@ -108,13 +108,13 @@ def test_what_a_spread_of_reaches_explains_is_no_names_gain(part):
     spread = doubts(model, objective)[0][0]
     dark = replace(TRUTH, effects=(library()["vignetting"](strength=0.05),))
     model, objective = model_of(part, model.traces[0].heights_um + spread, dark)
-    assert standing(model, ["vignetting"], objective)["vignetting"] == 0.0
+    assert standing(model, ["vignetting"], objective).shares["vignetting"] == 0.0
 
 
 def test_what_no_spread_of_reaches_makes_stands_whole(part):
     turned = replace(TRUTH, effects=(library()["astigmatism"](log_ratio=0.2),))
     model, objective = model_of(part, predict(part, turned).heights_um, turned)
-    assert standing(model, ["astigmatism"], objective)["astigmatism"] > 0.9
+    assert standing(model, ["astigmatism"], objective).shares["astigmatism"] > 0.9
 
 
 @pytest.mark.parametrize(("share", "stands"), [(0.5, False), (0.02, True)])
@@ -125,7 +125,7 @@ def test_no_process_is_as_wrong_as_a_strong_effect_would_have_it(part, monkeypat
     model, objective = model_of(part, shown, turned)
     alike = share * (shown - predict(part, TRUTH).heights_um)
     monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [alike[np.newaxis]])
-    share_of_gain = standing(model, ["astigmatism"], objective)["astigmatism"]
+    share_of_gain = standing(model, ["astigmatism"], objective).shares["astigmatism"]
     assert share_of_gain > 0.7 if stands else share_of_gain == 0.0
 
 
@@ -141,14 +141,20 @@ def test_a_rival_is_excused_what_the_form_of_the_process_may_have_made(part, mon
     rival, _ = model_of(part, shown, TRUTH)
     alike = share * (shown - predict(part, TRUTH).heights_um)
     monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [alike[np.newaxis]])
-    (part_of_it,) = excused(model, [rival], objective)
+    as_it_is, other = (standing(fit, [], objective) for fit in (model, rival))
+    part_of_it = as_it_is.excuses(other)
     if all_of_it:
         assert part_of_it > rival.cost - model.cost
     else:
         assert part_of_it < 0.2 * (rival.cost - model.cost)
-    assert excused(model, [model], objective) == pytest.approx([0.0], abs=0.1)
+    assert as_it_is.excuses(as_it_is) == pytest.approx(0.0, abs=0.1)
     monkeypatch.setattr("dlwpredict.diagnosis.library.process_form.doubts", lambda *_: [])
-    assert excused(model, [rival], objective) == [0.0]
+    assert standing(rival, [], objective) == Standing({}, 0.0)
+
+
+def test_a_rival_of_which_the_doubts_explain_less_is_excused_nothing():
+    assert Standing({}, 30.0).excuses(Standing({}, 10.0)) == 0.0
+    assert Standing({}, 10.0).excuses(Standing({}, 30.0)) == pytest.approx(1.5 * 30 - 10)
 
 
 @pytest.mark.parametrize(("end", "share"), [("low", 1.0), ("high", 0.0)])
@@ -159,7 +165,7 @@ def test_a_process_at_the_end_of_a_range_does_not_answer_beyond_it(part, end, sh
     ends, place = getattr(model.free, end).copy(), model.free.index("shrinkage_min")
     ends[place] = model.vector[place]
     model = replace(model, free=replace(model.free, **{end: ends}))
-    assert standing(model, ["z-amplification"], objective)["z-amplification"] == pytest.approx(share, abs=0.01)
+    assert standing(model, ["z-amplification"], objective).shares["z-amplification"] == pytest.approx(share, abs=0.01)
 
 
 @pytest.mark.slow

@@ -111,9 +111,9 @@ def _named(search: Search, best: Names, name: str, left: float) -> Named:
             rivals[next(iter(names - best))] = rival
     losses = {member: max(search.priced(rival) - search.priced(fit), 0.0) for member, rival in rivals.items()}
     form = gain - search.surely(best, name)  # what an error of form may have of it; no rival has more
-    near = {best - {name} | {one}: one for one, loss in losses.items() if one != name and 0 < loss <= form}
-    for names, part in search.excused(best, near).items():
-        losses[near[names]] = max(losses[near[names]] - part, 0.0)
+    for member, loss in losses.items():
+        if member != name and 0 < loss <= form:
+            losses[member] = max(loss - search.excused(best, best - {name} | {member}), 0.0)
     weights = {member: float(np.exp(-loss / width / 2)) for member, loss in losses.items()}
     whole, held, members = sum(weights.values()), 0.0, []
     for member in sorted(weights, key=lambda member: -weights[member]):

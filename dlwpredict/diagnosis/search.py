@@ -1,7 +1,7 @@
 """The search: linearise, enumerate sets of effects, refit the leading ones; again from the best, until it stays.
 
-What is best is what costs least among the sets whose effects may all stand: each gains what it needs, by more than the
-form of the process itself may be wrong.
+What is best is what costs least, beside what the form of the process itself may be wrong by, among the sets whose
+effects may all stand: each gains what it needs, by more than such an error may have of it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlwpredict.diagnosis import policy
-from dlwpredict.diagnosis.library.process_form import excused, standing
+from dlwpredict.diagnosis.library.process_form import Standing, standing
 from dlwpredict.diagnosis.library.score import Linearised
 from dlwpredict.diagnosis.posterior import Sets, Subset
 from dlwpredict.diagnosis.refits import Names, Refits
@@ -29,13 +29,10 @@ class Search(Refits):
     Parameters
     ----------
     stood : dict
-        Fits of sets, and the share of each name's gain that stands beside the doubts about the process's own form.
-    excuses : dict
-        Fits of two sets, and what the process's own form may have of the distance between them.
+        Fits of sets, and how they stand beside the doubts about the process's own form.
     """
 
-    stood: dict[Names, tuple[Fit, dict[str, float]]] = field(default_factory=dict)
-    excuses: dict[tuple[Names, Names], tuple[Fit, Fit, float]] = field(default_factory=dict)
+    stood: dict[Names, tuple[Fit, Standing]] = field(default_factory=dict)
 
     def begin_with(self, earlier: Iterable[Start]) -> None:
         """Refit sets that an earlier search, with another noise model, ended among: its best, and what comes near."""
@@ -110,7 +107,7 @@ class Search(Refits):
         return max(gains, default=0.0)
 
     def best(self) -> Names:
-        """Return the set of least cost in which every effect gains what noise and numerics hardly ever give it.
+        """Return the set of least cost beside the doubts in which every effect gains what it needs to stand.
 
         Reduced models that have to be fitted for that are sets as well, and may be the best.
         """
@@ -118,25 +115,44 @@ class Search(Refits):
         known: dict[Names, Fit] = {}
         while known != self.fitted:
             known = dict(self.fitted)
-            order = sorted(self.fitted, key=lambda names: self.priced(self.fitted[names]))
+            order = sorted(self.fitted, key=self.beside_doubts)
             found = next(names for names in order if self._admissible(names))
         return found
 
     def rested(self) -> Names:
         """Return the best set, brought to convergence where only its quick fit was known.
 
-        Each of its names stands beside what the form of the process itself may be wrong by. That is asked of a quick
-        fit first, so that a set which does not stand is not brought to convergence.
+        How it stands beside the doubts about the form of the process is asked of a quick fit first, so that a set which
+        does not stand, or costs more than another beside them, is not brought to convergence.
         """
         best = self.best()
-        while best and not (self.settled(best) and self.stood.get(best, (None,))[0] is self.fitted[best]):
+        while best and not (self.settled(best) and self._asked_of(best)):
+            self.standing(frozenset())
             if self._has_stood(best) and not self.settled(best):
                 self.converged(best)
             else:
-                model = self.fitter.objective.whole(self.fitted[best])
-                self.stood[best] = self.fitted[best], standing(model, sorted(best), self.fitter.objective)
+                self.standing(best)
             best = self.best()
         return best
+
+    def standing(self, names: Names) -> Standing:
+        """Return how a set stands beside the doubts about the process's own form, asked once where it is fitted."""
+        if not self._asked_of(names):
+            model = self.fitter.objective.whole(self.fitted[names])
+            self.stood[names] = self.fitted[names], standing(model, sorted(names), self.fitter.objective)
+        return self.stood[names][1]
+
+    def _asked_of(self, names: Names) -> bool:
+        return names in self.stood and self.stood[names][0] is self.fitted[names]
+
+    def beside_doubts(self, names: Names) -> float:
+        """Return what a set costs, with the price of its switches, beside the doubts about the process's own form.
+
+        They explain of what a set leaves hardly more than of what any part of it leaves. So a set that they were not
+        asked of costs no less than this, and the best one costs least once it was asked itself.
+        """
+        asked = [names] if names in self.stood else [one for one in self.stood if one < names]
+        return self.priced(self.fitted[names]) - min((self.stood[one][1].doubted for one in asked), default=0.0)
 
     def _admissible(self, names: Names) -> bool:
         """Tell whether every effect of a set gains its own; no reduced model is unknown then, for one may be better."""
@@ -148,18 +164,12 @@ class Search(Refits):
 
     def surely(self, names: Names, name: str) -> float:
         """Return the part of a gain that the process's own form cannot have; all of it of a set not looked at yet."""
-        _, shares = self.stood.get(names, (None, {}))
-        return shares.get(name, 1.0) * self.gain(names, name)
+        share = self.stood[names][1].shares[name] if names in self.stood else 1.0
+        return share * self.gain(names, name)
 
-    def excused(self, best: Names, rivals: Iterable[Names]) -> dict[Names, float]:
-        """Return how much of what rivals cost more than a set the process's own form may have made."""
-        objective, fits, fit = self.fitter.objective, {names: self.fitted[names] for names in rivals}, self.fitted[best]
-        unknown = [one for one in fits if self.excuses.get((best, one), ())[:2] != (fit, fits[one])]
-        if unknown:
-            whole = [objective.whole(one) for one in (fit, *(fits[names] for names in unknown))]
-            for names, part in zip(unknown, excused(whole[0], whole[1:], objective), strict=True):
-                self.excuses[best, names] = fit, fits[names], part
-        return {names: self.excuses[best, names][2] for names in fits}
+    def excused(self, best: Names, rival: Names) -> float:
+        """Return how much of what a rival costs more than a set the process's own form may have made."""
+        return self.standing(best).excuses(self.standing(rival))
 
     def _has_stood(self, names: Names) -> bool:
         """Tell whether the doubts about the process's own form were asked of a set where it is fitted, or very near."""
@@ -172,7 +182,7 @@ class Search(Refits):
         """Tell whether a set will not stand beside these doubts however far its fit may still go down."""
         if not self._has_stood(names) or any(names - {name} not in self.fitted for name in names):
             return False
-        shares, promise, cost = self.stood[names][1], self.fitted[names].promise, self.fitted[names].cost
+        shares, promise, cost = self.stood[names][1].shares, self.fitted[names].promise, self.fitted[names].cost
         gains = {name: self.fitted[names - {name}].cost - cost + promise for name in names}
         return any(shares[name] * gains[name] < self.needed(names, name) for name in names)
 

@@ -12,11 +12,11 @@ from tests.bench.cases import RANGES
 from tests.prove import structures
 from tests.prove.hidden import FORMS, NAMED, OUTSIDE, Hidden, form, named, outside
 
-DEVELOPMENT_SEED, FINAL_SEED = 20250, 631096
+DEVELOPMENT_SEED, FINAL_SEED = 20250, 883486
 """The final seed is used by `make prove` alone, never while anything is tuned; once its truth has been looked at and
 the program is changed, it is spent, and another is drawn (77031, 345967, 186561, 973189, 244348, 391491, 397021,
 614839, 908213, 550173, 731906, 428617, 122774, 787942, 282159, 469281, 711323, 524530, 812914,
-169957, 604127, 317074, 741905, 905263, 445236, 600002, 355611, 925340 and 179067 were)."""
+169957, 604127, 317074, 741905, 905263, 445236, 600002, 355611, 925340, 179067 and 631096 were)."""
 
 FULL = {"null": 60, "single": 90, "pair": 60, "outside": 40, "absorbed": 20, "measurement": 20, "form": 20}
 QUICK = {"null": 5, "single": 6, "pair": 2, "outside": 3, "absorbed": 2, "measurement": 2, "form": 2}

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -24,6 +25,28 @@ from dlwpredict.diagnosis.library.score import process_of
 from dlwpredict.diagnosis.library.signatures import done_by
 from dlwpredict.infer.free import fittable
 from dlwpredict.infer.objective import Fit, Objective
+
+
+class Standing(NamedTuple):
+    """How a model stands beside what is doubted about the process's form.
+
+    Parameters
+    ----------
+    shares : dict
+        Name of an effect to the share of its gain that the process's form cannot have, 0 to 1.
+    doubted : float
+        2 ln L of what the model leaves that the doubts explain.
+    """
+
+    shares: dict[str, float]
+    doubted: float
+
+    def excuses(self, rival: Standing) -> float:
+        """Return how much of what a rival costs more than this model the process's form may have made, 2 ln L.
+
+        As of the gain of a name beside none.
+        """
+        return max(_of_form(rival.doubted, self.doubted), 0.0)
 
 
 def doubts(model: Fit, objective: Objective) -> list[np.ndarray]:
@@ -85,23 +108,23 @@ def _tail(model: Fit, objective: Objective, widths: Sequence[int]) -> list[np.nd
     return [share * np.nan_to_num(end.heights_um - now.heights_um) for end, now in zip(ends, model.traces, strict=True)]
 
 
-def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str, float]:
-    """Return the share of the gain of each effect of a model that the process's form cannot have, 0 to 1.
+def standing(model: Fit, named: Sequence[str], objective: Objective) -> Standing:
+    """Return how a model stands beside the doubts, to first order.
 
-    To first order, beside all other effects: what the effect gains beside the doubts, less the share of what the doubts
-    gain without it that an error of form leaves them. The process stays within its ranges: a width at the end of one
-    cannot answer beyond it.
+    Of an effect stands, beside all others, what it gains beside the doubts, less the share of what the doubts gain
+    without it that an error of form leaves them. The process stays within its ranges: a width at the end of one cannot
+    answer beyond it.
 
     Parameters
     ----------
     model : Fit
-        Converged, with derivatives.
+        With derivatives.
     named : sequence of str
         Effects that a diagnosis has added.
     objective : Objective
     """
     if not (maps := doubts(model, objective)):
-        return dict.fromkeys(named, 1.0)
+        return Standing(dict.fromkeys(named, 1.0), 0.0)
     process, done = process_of(model, named), {name: done_by(model, name, objective.work) for name in named}
     seen = {name: model.seen_in_all(change) for name, change in done.items()}
     blocks = [np.column_stack([seen[name], model.jacobian[:, model.free.of_effect(name)]]) for name in named]
@@ -122,27 +145,7 @@ def standing(model: Fit, named: Sequence[str], objective: Objective) -> dict[str
         bare, in_doubt = left(effects[:k] + effects[k + 1 :])
         sure = bare - with_it - _of_form(bare - in_doubt, with_it - both)
         shares[name] = float(np.clip(sure / (bare - with_it), 0, 1)) if bare > with_it else 1.0
-    return shares
-
-
-def excused(model: Fit, rivals: Sequence[Fit], objective: Objective) -> list[float]:
-    """Return how much of what each rival costs more than a model the process's form may have made, 2 ln L.
-
-    As of the gain of a name beside none. To first order; parameters stay within their ranges, and beside rivals the
-    same is doubted as beside the model.
-
-    Parameters
-    ----------
-    model : Fit
-        Converged, with derivatives.
-    rivals : sequence of Fit
-        With derivatives.
-    objective : Objective
-    """
-    if not (maps := doubts(model, objective)):
-        return [0.0] * len(rivals)
-    own, *others = (_doubted_of(fit, maps) for fit in (model, *rivals))
-    return [max(_of_form(other, own), 0.0) for other in others]
+    return Standing(shares, with_it - both)
 
 
 def _of_form(beside_other: float, beside_model: float) -> float:
@@ -151,15 +154,6 @@ def _of_form(beside_other: float, beside_model: float) -> float:
     Beside the worse one it explains what they do, and the share of that which it leaves them.
     """
     return (1 + policy.UNDOUBTED) * beside_other - beside_model
-
-
-def _doubted_of(model: Fit, maps: Sequence[np.ndarray]) -> float:
-    """Return the 2 ln L of what a model leaves that doubts explain."""
-    count = len(model.vector)
-    rows = model.nuisances.triangle(np.column_stack([model.jacobian, model.seen_in_all(maps), model.residual]))
-    own, doubted, reach = rows[:, :count], rows[:, count:-1], model.free.reach(model.vector)
-    bare, in_doubt = (_left(rows[:, -1], own[:, :0], own, reach, some) for some in (doubted[:, :0], doubted))
-    return bare - in_doubt
 
 
 def _left(
