@@ -126,24 +126,24 @@ class Search(Refits):
         does not stand, or costs more than another beside them, is not brought to convergence.
         """
         best = self.best()
-        while best and not (self.settled(best) and self._asked_of(best)):
-            self.standing(frozenset())
-            if self._has_stood(best) and not self.settled(best):
+        while best and not (self.settled(best) and self._has_stood(best)):
+            if self._has_stood(best):
                 self.converged(best)
             else:
+                self.standing(frozenset())
                 self.standing(best)
             best = self.best()
         return best
 
     def standing(self, names: Names) -> Standing:
-        """Return how a set stands beside the doubts about the process's own form, asked once where it is fitted."""
-        if not self._asked_of(names):
+        """Return how a set stands beside the doubts about the process's own form, asked once where it is fitted.
+
+        Or very near: to first order the lowest place, of which it tells, is the same from there.
+        """
+        if not self._has_stood(names):
             model = self.fitter.objective.whole(self.fitted[names])
             self.stood[names] = self.fitted[names], standing(model, sorted(names), self.fitter.objective)
         return self.stood[names][1]
-
-    def _asked_of(self, names: Names) -> bool:
-        return names in self.stood and self.stood[names][0] is self.fitted[names]
 
     def beside_doubts(self, names: Names) -> float:
         """Return what a set costs, with the price of its switches, beside the doubts about the process's own form.
